@@ -26,6 +26,8 @@ pub trait Agent {
 
 /// What comes into a process's state machine from the driver; `L` is what the process itself feeds in (scan thread, field driver).
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
+// Lives on the stack of whoever hands it over; a box for each message would cost more than the copy.
+#[allow(clippy::large_enum_variant)]
 pub enum Input<L> {
     /// A message for an agent of this process.
     Message(Envelope),
@@ -53,6 +55,7 @@ pub enum Input<L> {
 
 /// What a process's state machine wants done, in order; `P` is what it makes durable, `X` what the process itself does.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[allow(clippy::large_enum_variant)] // as above
 pub enum Output<P, X> {
     /// Make this durable, then answer with `Input::Persisted` (before anything else is handled).
     Persist {

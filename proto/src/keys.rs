@@ -6,6 +6,8 @@
 //! | `fam/<cell>/image/<gateway>` | the gateway | all nodes, manager |
 //! | `fam/<cell>/to/<process>` | any agent | the agents of that process |
 //! | `fam/<cell>/event` | the manager | whoever follows the events |
+//! | `fam/<cell>/applied/<gateway>` | the gateway, on request | benchmarks and the demo |
+//! | `fam/<cell>/io/<gateway>` | whoever asks | the gateway, which answers |
 //! | `fam/<cell>/alive/<process>/<boot>` | liveliness token of a process | gateways, manager, nodes |
 
 use crate::ids::{BootId, CellId, ControllerId, GatewayId, McId, ProcessId};
@@ -32,6 +34,18 @@ pub fn to(cell: &CellId, process: &ProcessId) -> String {
 #[must_use]
 pub fn event(cell: &CellId) -> String {
     format!("fam/{cell}/event")
+}
+
+/// Key of the journal of applied frames of one gateway.
+#[must_use]
+pub fn applied(cell: &CellId, gateway: &GatewayId) -> String {
+    format!("fam/{cell}/applied/{gateway}")
+}
+
+/// Key under which a gateway answers questions about its inputs and outputs.
+#[must_use]
+pub fn io(cell: &CellId, gateway: &GatewayId) -> String {
+    format!("fam/{cell}/io/{gateway}")
 }
 
 /// Key of the liveliness token of one life of a process.

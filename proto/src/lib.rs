@@ -4,6 +4,7 @@
 //!
 //! - [`ids`]: names and numbers: controllers, mechatronic components (MCs), epochs, scans, boots, agents.
 //! - [`now`]: time as an argument.
+//! - [`access`]: the narrow interface between an MC Agent and its MC.
 //! - [`agent`]: the interface of every state machine in FAM.
 //! - [`codec`]: the one module that knows the binary format (bincode), its limits and its version check.
 //! - [`keys`]: Zenoh key expressions as text.
@@ -12,6 +13,7 @@
 //! - [`diagnosis`]: masks over a serialized state, and the decision that they lead to.
 //! - [`model`]: what a generated cell looks like to the processes that run it.
 
+pub mod access;
 pub mod agent;
 pub mod codec;
 pub mod delta;

@@ -48,6 +48,7 @@ pub enum EventKind {
     BadMessages,
     FieldDeviceLost,
     FieldDeviceBack,
+    FramesRejected,
 }
 
 /// One entry of the history.

@@ -5,17 +5,21 @@
 pub mod checkpoint;
 pub mod event;
 pub mod frame;
+pub mod gateway;
 pub mod image;
 pub mod message;
 pub mod operator;
 pub mod plan;
 pub mod record;
+pub mod repository;
 
 pub use checkpoint::*;
 pub use event::*;
 pub use frame::*;
+pub use gateway::*;
 pub use image::*;
 pub use message::*;
 pub use operator::*;
 pub use plan::*;
 pub use record::*;
+pub use repository::*;
