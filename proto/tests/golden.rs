@@ -127,6 +127,49 @@ fn event() -> Event {
         .scan(Scan(9))
 }
 
+fn repository_block() -> RepoWrite {
+    RepoWrite::EpochBlock {
+        mc: mc(),
+        upto: Epoch(128),
+    }
+}
+
+fn repository_state() -> RepoState {
+    let mut state = RepoState::default();
+    let controller = owner().controller;
+    for write in [
+        repository_block(),
+        RepoWrite::Event(event()),
+        RepoWrite::Assignment {
+            generation: PlanId(9),
+            assignment: [(mc(), controller.clone())].into(),
+        },
+        RepoWrite::Pins([(mc(), controller.clone())].into()),
+        RepoWrite::Drained([controller.clone()].into()),
+        RepoWrite::Stopped([mc()].into()),
+        RepoWrite::Registered(Registration {
+            owner: owner(),
+            description: "PLC 2".into(),
+            cpu_factor_permille: 500,
+            memory_kb: 65_536,
+            limit_permille: 700,
+            tick_us: 5_000,
+            mcs: vec![Hosted {
+                mc: mc(),
+                hash: 7,
+                layout: LayoutHash(0xfeed),
+                memory_kb: 64,
+                worst_case_us: 900,
+            }],
+            active: vec![(mc(), Epoch(4))],
+            real_time: vec!["mlock".into()],
+        }),
+    ] {
+        state.apply(&write);
+    }
+    state
+}
+
 fn hex(bytes: &[u8]) -> String {
     bytes
         .chunks(32)
@@ -161,6 +204,8 @@ fn the_bytes_are_the_golden_ones() {
     check("record", &record());
     check("event", &event());
     check("envelope", &envelope());
+    check("repository_block", &repository_block());
+    check("repository_state", &repository_state());
 }
 
 #[test]

@@ -185,7 +185,7 @@ impl Plant {
         }
     }
 
-    fn parts_in_cell(&self) -> PartPlaces {
+    pub fn parts_in_cell(&self) -> PartPlaces {
         let feeding = self
             .feeding
             .feeding_parts()

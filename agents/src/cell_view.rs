@@ -1,0 +1,402 @@
+//! What the manager's agents know of the cell: written by the Middleware Manager, read by the QoS Monitors and Diagnosis & Decision.
+//!
+//! Who drives an MC is told by its gateway's record alone. Whether a controller is there is told by its liveliness token and
+//! its reports. What the manager wants is the assignment; what is on its way is in `under_way`.
+
+use fam_proto::model::{CellModel, McModel};
+use fam_proto::{
+    BootId, ControllerId, Epoch, GatewayId, ImageNumber, McId, McaState, Now, Owner, PlanId,
+    RecordState, RecordSummary, Registration, Reset, ResourceReport,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// After its token is seen a node has this long to register before the first start of an MC goes on without it, in microseconds.
+pub const JOINING_US: u64 = 300_000;
+/// So many cycles without a valid frame, and the gateway no longer counts an owner as healthy.
+pub const HEALTHY_CYCLES: u64 = 3;
+
+/// Everything known.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct CellView {
+    /// The cell model in force.
+    pub model: Arc<CellModel>,
+    /// Generation of the assignment.
+    pub generation: PlanId,
+    /// Controllers of the model.
+    pub controllers: BTreeMap<ControllerId, ControllerView>,
+    /// MCs of the model.
+    pub mcs: BTreeMap<McId, McView>,
+    /// Gateways of the model.
+    pub gateways: BTreeMap<GatewayId, GatewayView>,
+    /// Grows whenever an MC that found no place might find one now.
+    pub version: u64,
+    /// The manager has been up long enough to know who is there.
+    pub settled: bool,
+}
+
+/// Why a controller counts as lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Loss {
+    /// Its liveliness token is gone.
+    Token,
+    /// Its reports stay away, though its token stands: frozen, cut off, or its agents hang.
+    Reports,
+}
+
+impl std::fmt::Display for Loss {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Loss::Token => "its liveliness token is gone",
+            Loss::Reports => "its reports stay away",
+        })
+    }
+}
+
+/// One controller.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+pub struct ControllerView {
+    /// Registration of the life in force.
+    pub registration: Option<Registration>,
+    /// What the repository knew of it: for the status only.
+    pub remembered: Option<Registration>,
+    /// MCs that it may not run, with the reason.
+    pub ineligible: BTreeMap<McId, String>,
+    /// Lives whose liveliness tokens are seen.
+    pub tokens: BTreeSet<BootId>,
+    /// When the token of a life that has not registered yet was seen.
+    pub expected_since: Option<Now>,
+    /// When it was heard of last.
+    pub heard: Now,
+    /// Last report of the life in force.
+    pub report: Option<ResourceReport>,
+    /// Why it counts as lost; `None` while it is up.
+    pub lost: Option<Loss>,
+    /// Drained by an operator.
+    pub drained: bool,
+    /// It hands its MCs over and leaves.
+    pub leaving: bool,
+    /// It was told that it may leave.
+    pub may_leave: bool,
+}
+
+impl ControllerView {
+    /// Whether it is there and heard.
+    #[must_use]
+    pub fn is_up(&self) -> bool {
+        self.registration.is_some() && self.lost.is_none()
+    }
+    /// The life in force.
+    #[must_use]
+    pub fn owner(&self) -> Option<&Owner> {
+        self.registration.as_ref().map(|r| &r.owner)
+    }
+    /// Whether its MCs are to go elsewhere.
+    #[must_use]
+    pub fn is_emptied(&self) -> bool {
+        self.drained || self.leaving
+    }
+}
+
+/// An activation on a controller failed: it is left out for this MC.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct LeftOut {
+    /// Not before this moment, and not before a report says that its input image is fresh.
+    pub until: Now,
+    /// How often in succession.
+    pub failures: u32,
+    /// A report has cleared it.
+    pub cleared: bool,
+    /// What happened.
+    pub why: String,
+}
+
+/// What is being done about an MC.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum UnderWay {
+    /// It goes to this controller.
+    To(ControllerId),
+    /// It is being stopped.
+    Stop,
+}
+
+/// One MC.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+pub struct McView {
+    /// Position of its model in the cell model.
+    at: usize,
+    /// Its record in the newest image.
+    pub record: Option<RecordSummary>,
+    /// Where it belongs by the assignment.
+    pub assigned: Option<ControllerId>,
+    /// Where an operator keeps it.
+    pub pinned: Option<ControllerId>,
+    /// An operator stopped it.
+    pub stopped: bool,
+    /// A plan stopped it because capacity was short.
+    pub shed: bool,
+    /// The next activation carries this reset.
+    pub reset: Option<Reset>,
+    /// What is being done about it.
+    pub under_way: Option<UnderWay>,
+    /// Controllers left out after failed activations.
+    pub left_out: BTreeMap<ControllerId, LeftOut>,
+    /// State that its owner's MCA reported last.
+    pub state: Option<McaState>,
+    /// Its owner under this epoch is lost to the manager, but the gateway sees it drive: left alone.
+    pub left_alone: Option<Epoch>,
+}
+
+impl McView {
+    fn is_before_its_first_start(&self) -> bool {
+        self.record
+            .as_ref()
+            .is_some_and(|r| r.state == RecordState::Never)
+    }
+}
+
+/// One gateway.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+pub struct GatewayView {
+    /// Its life, from its images.
+    pub boot: Option<BootId>,
+    /// Newest image.
+    pub image: ImageNumber,
+    /// When that came.
+    pub heard: Now,
+    /// Token gone or images missing.
+    pub down: bool,
+}
+
+impl GatewayView {
+    /// Whether its images come.
+    #[must_use]
+    pub fn is_up(&self) -> bool {
+        self.boot.is_some() && !self.down
+    }
+}
+
+/// Why an MC needs a controller.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Need {
+    /// Its owner is lost.
+    Lost(ControllerId, Loss),
+    /// The gateway has had no valid frame for the MC's suspect time.
+    Silent(u64),
+    /// Nobody owns it; the word of the record's state.
+    Unowned(&'static str),
+}
+
+impl CellView {
+    /// What an empty manager knows.
+    #[must_use]
+    pub fn new(model: Arc<CellModel>) -> CellView {
+        CellView {
+            generation: PlanId(0),
+            controllers: model
+                .controllers
+                .iter()
+                .map(|c| (c.controller.clone(), ControllerView::default()))
+                .collect(),
+            mcs: model
+                .mcs
+                .iter()
+                .enumerate()
+                .map(|(at, m)| {
+                    let view = McView {
+                        at,
+                        ..McView::default()
+                    };
+                    (m.mc.clone(), view)
+                })
+                .collect(),
+            gateways: model
+                .gateways
+                .iter()
+                .map(|g| (g.gateway.clone(), GatewayView::default()))
+                .collect(),
+            version: 0,
+            settled: false,
+            model,
+        }
+    }
+
+    /// Model and view of an MC.
+    #[must_use]
+    pub fn mc(&self, mc: &McId) -> Option<(&McModel, &McView)> {
+        let view = self.mcs.get(mc)?;
+        Some((self.model.mcs.get(view.at)?, view))
+    }
+
+    /// Whether this life of a controller is the one in force and up.
+    #[must_use]
+    pub fn life_is_up(&self, owner: &Owner) -> bool {
+        self.controllers
+            .get(&owner.controller)
+            .is_some_and(|c| c.is_up() && c.owner() == Some(owner))
+    }
+
+    /// The owner by the record, if the record is open.
+    #[must_use]
+    pub fn driver(&self, mc: &McId) -> Option<&Owner> {
+        let record = self.mcs.get(mc)?.record.as_ref()?;
+        (record.state == RecordState::Open).then_some(record.owner.as_ref())?
+    }
+
+    /// The controller that runs the MC in a healthy way as far as the manager can tell.
+    #[must_use]
+    pub fn runs_on(&self, mc: &McId) -> Option<&ControllerId> {
+        let owner = self.driver(mc)?;
+        (self.need(mc).is_none()).then_some(&owner.controller)
+    }
+
+    /// MCs that a life of a controller holds at its gateway.
+    #[must_use]
+    pub fn held_by(&self, owner: &Owner) -> Vec<McId> {
+        self.mcs
+            .iter()
+            .filter(|(_, m)| {
+                m.record.as_ref().is_some_and(|r| {
+                    r.owner.as_ref() == Some(owner)
+                        && matches!(r.state, RecordState::Open | RecordState::Released(_))
+                })
+            })
+            .map(|(mc, _)| mc.clone())
+            .collect()
+    }
+
+    /// Why the MC needs a controller now; `None` if it has one, may have none, or its gateway cannot be seen.
+    #[must_use]
+    pub fn need(&self, mc: &McId) -> Option<Need> {
+        let (model, view) = self.mc(mc)?;
+        if !self.gateways.get(&model.gateway)?.is_up() || view.stopped {
+            return None;
+        }
+        let record = view.record.as_ref()?;
+        match &record.state {
+            RecordState::Never
+            | RecordState::Closed
+            | RecordState::FailSafe
+            | RecordState::Released(_) => Some(Need::Unowned(record.state.word())),
+            RecordState::Stopped | RecordState::Faulted(_) => {
+                (view.reset.is_some() || view.shed).then(|| Need::Unowned(record.state.word()))
+            }
+            RecordState::Open => {
+                if record.suspect {
+                    return Some(Need::Silent(record.silent_us));
+                }
+                if view.left_alone == Some(record.epoch) {
+                    return None;
+                }
+                self.lost_owner(model, record)
+            }
+        }
+    }
+
+    /// The owner's loss, as far as it justifies to take the MC from it: the gateway is asked as a witness where the token stands.
+    fn lost_owner(&self, model: &McModel, record: &RecordSummary) -> Option<Need> {
+        let owner = record.owner.as_ref()?;
+        let controller = self.controllers.get(&owner.controller)?;
+        let in_force = controller.owner()?;
+        let loss = if in_force.boot > owner.boot {
+            Loss::Token
+        } else {
+            controller.lost?
+        };
+        let healthy = record.silent_us <= HEALTHY_CYCLES * u64::from(model.cycle_us);
+        if loss == Loss::Reports && healthy {
+            return None;
+        }
+        Some(Need::Lost(owner.controller.clone(), loss))
+    }
+
+    /// Whether a controller may be given an MC; if not, why.
+    ///
+    /// # Errors
+    /// The reason, for people.
+    pub fn may_take(&self, controller: &ControllerId, mc: &McId, now: Now) -> Result<(), String> {
+        let Some((model, view)) = self.mc(mc) else {
+            return Err(format!("{mc} is not in the cell model"));
+        };
+        if !model.hosts.contains(controller) {
+            return Err("does not host it".to_owned());
+        }
+        let Some(there) = self.controllers.get(controller) else {
+            return Err("is not in the cell model".to_owned());
+        };
+        let Some(registration) = &there.registration else {
+            return Err("has not registered".to_owned());
+        };
+        if let Some(loss) = there.lost {
+            return Err(format!("is lost ({loss})"));
+        }
+        if there.leaving {
+            return Err("is leaving".to_owned());
+        }
+        if there.drained {
+            return Err("is drained".to_owned());
+        }
+        if let Some(why) = there.ineligible.get(mc) {
+            return Err(why.clone());
+        }
+        if !registration.mcs.iter().any(|h| &h.mc == mc) {
+            return Err("has no project that contains it".to_owned());
+        }
+        if let Some(record) = view.record.as_ref().filter(|r| r.suspect)
+            && record.state == RecordState::Open
+            && record.owner.as_ref() == Some(&registration.owner)
+        {
+            return Err("has fallen silent with it".to_owned());
+        }
+        if let Some(left_out) = view.left_out.get(controller)
+            && !(left_out.cleared && now >= left_out.until)
+        {
+            return Err(format!("is left out for now ({})", left_out.why));
+        }
+        Ok(())
+    }
+
+    /// Until when a node whose token is seen is expected to register; `None` if none is expected.
+    #[must_use]
+    pub fn joining_until(&self, now: Now) -> Option<Now> {
+        self.controllers
+            .values()
+            .filter_map(|c| c.expected_since)
+            .map(|since| since.plus_us(JOINING_US))
+            .filter(|until| now < *until)
+            .max()
+    }
+
+    /// Whether an MC waits for nodes that are about to join: only before its very first start.
+    #[must_use]
+    pub fn waits_for_joining(&self, mc: &McId, now: Now) -> bool {
+        self.mcs
+            .get(mc)
+            .is_some_and(McView::is_before_its_first_start)
+            && self.joining_until(now).is_some()
+    }
+
+    /// MCs that need a controller, are not on their way and wait for nobody.
+    #[must_use]
+    pub fn homeless(&self, now: Now) -> Vec<(McId, Need)> {
+        let joining = self.joining_until(now).is_some();
+        self.mcs
+            .iter()
+            .filter(|(_, m)| m.under_way.is_none() && !(joining && m.is_before_its_first_start()))
+            .filter_map(|(mc, _)| Some((mc.clone(), self.need(mc)?)))
+            .collect()
+    }
+
+    /// Whether anything is on its way, or waits for a controller that could take it.
+    #[must_use]
+    pub fn is_busy(&self, now: Now) -> bool {
+        self.mcs.iter().any(|(mc, m)| {
+            m.under_way.is_some()
+                || (self.need(mc).is_some()
+                    && self
+                        .controllers
+                        .keys()
+                        .any(|c| self.may_take(c, mc, now).is_ok()))
+        })
+    }
+}

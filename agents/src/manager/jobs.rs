@@ -1,0 +1,662 @@
+//! One job for each MC on its way: an activation, a handover, or a stop.
+//!
+//! ```text
+//!             epoch durable                      record driven
+//!  Reserving ---------------> Activating ----------------------------> done
+//!      |                        ^   |  deadline, refused, target lost -> failed: left out there, planned anew
+//!      |                        |   |  the owner is healthy after all -> dropped
+//!      | handover               | record released
+//!      +-----------------> Releasing --------------------------------> cancelled: no non-critical state in time
+//!      |                            |  owner or target lost            -> cancelled, planned anew if it has no owner
+//!      | stop
+//!      +-----------------> Stopping ---- record not open -------------> done
+//! ```
+//!
+//! Only the gateway's record moves a job on; what MC Agents report can only end it earlier.
+
+use super::MiddlewareManager;
+use crate::cell_view::{HEALTHY_CYCLES, LeftOut, Need, UnderWay};
+use fam_proto::{
+    AgentId, Epoch, Event, EventKind, McId, McOutcome, McReport, Move, MoveKind, Now, OrderId,
+    OrderKind, Owner, PlanId, RecordState, RecordSummary, Reset, Severity, Successor,
+};
+
+/// A stop POU may take this long, in microseconds.
+const STOP_US: u64 = 30_000_000;
+/// A cancelled order is repeated no longer than this, in microseconds.
+const CANCEL_US: u64 = 2_000_000;
+/// First time that a controller is left out after a failed activation, doubled with each further failure, in microseconds.
+const LEFT_OUT_US: u64 = 100_000;
+/// Doubled no further than to this, in microseconds.
+const LEFT_OUT_MAX_US: u64 = 5_000_000;
+/// An MCA ends a release by itself; its word may take this long, in microseconds.
+const RELEASE_GRACE_US: u64 = 500_000;
+
+/// What is to come of the MC.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) enum Aim {
+    /// Opened at once by this owner.
+    Activate(Owner),
+    /// Handed over to this owner.
+    Handover(Owner),
+    /// Stopped.
+    Stop,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum Step {
+    Reserving,
+    Activating {
+        epoch: Epoch,
+        order: OrderId,
+        deadline: Now,
+    },
+    Releasing {
+        epoch: Epoch,
+        activate: OrderId,
+        release: OrderId,
+        deadline: Now,
+    },
+    Stopping {
+        order: OrderId,
+        deadline: Now,
+    },
+}
+
+/// An MC on its way.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct Job {
+    plan: Option<PlanId>,
+    aim: Aim,
+    /// Who drives (or drove) it, and under which epoch.
+    from: Option<Owner>,
+    from_epoch: Epoch,
+    force: bool,
+    reset: Option<Reset>,
+    step: Step,
+    began: Now,
+}
+
+impl Job {
+    fn target(&self) -> Option<&Owner> {
+        match &self.aim {
+            Aim::Activate(owner) | Aim::Handover(owner) => Some(owner),
+            Aim::Stop => None,
+        }
+    }
+
+    fn deadline(&self) -> Option<(Now, &'static str)> {
+        match &self.step {
+            Step::Reserving => None,
+            Step::Activating { deadline, .. } => Some((*deadline, "an activation is due")),
+            Step::Releasing { deadline, .. } => Some((*deadline, "a release is due")),
+            Step::Stopping { deadline, .. } => Some((*deadline, "a stop is due")),
+        }
+    }
+}
+
+/// How a job stands.
+enum Standing {
+    Wait,
+    /// The old owner has released it.
+    Released,
+    Done,
+    /// Not wanted any more.
+    Dropped(String),
+    Failed {
+        why: String,
+        /// The target is left out for this MC.
+        leave_out: bool,
+    },
+}
+
+impl MiddlewareManager {
+    /// Begins a move of a plan.
+    pub(super) fn begin_move(&mut self, plan: PlanId, wanted: &Move, now: Now) {
+        let Some(target) = self
+            .view
+            .controllers
+            .get(&wanted.to)
+            .and_then(|c| c.owner())
+            .cloned()
+        else {
+            return;
+        };
+        let aim = match wanted.kind {
+            MoveKind::Activate => Aim::Activate(target),
+            MoveKind::Handover => Aim::Handover(target),
+        };
+        let force = wanted.kind == MoveKind::Activate && self.view.runs_on(&wanted.mc).is_some();
+        self.begin(Some(plan), &wanted.mc, aim, force, now);
+    }
+
+    /// Begins to stop an MC that runs.
+    pub(super) fn begin_stop(&mut self, plan: Option<PlanId>, mc: &McId, now: Now) {
+        self.begin(plan, mc, Aim::Stop, false, now);
+    }
+
+    fn begin(&mut self, plan: Option<PlanId>, mc: &McId, aim: Aim, force: bool, now: Now) {
+        let Some(view) = self.view.mcs.get_mut(mc) else {
+            return;
+        };
+        let Some(record) = &view.record else { return };
+        view.under_way = Some(match &aim {
+            Aim::Activate(owner) | Aim::Handover(owner) => UnderWay::To(owner.controller.clone()),
+            Aim::Stop => UnderWay::Stop,
+        });
+        let job = Job {
+            plan,
+            from: record.owner.clone(),
+            from_epoch: record.epoch,
+            force,
+            // What a plan stopped for want of room goes on from its record.
+            reset: view.reset.or(view.shed.then_some(Reset::Resume)),
+            aim,
+            step: Step::Reserving,
+            began: now,
+        };
+        self.jobs.insert(mc.clone(), job);
+        self.order_if_possible(mc, now);
+    }
+
+    /// Gives the orders of a job, as soon as it has its epoch.
+    fn order_if_possible(&mut self, mc: &McId, now: Now) {
+        let settings = self.view.model.settings.clone();
+        let Some(job) = self.jobs.get_mut(mc) else {
+            return;
+        };
+        if job.step != Step::Reserving {
+            return;
+        }
+        let component = |owner: &Owner| AgentId::Component(owner.controller.clone(), mc.clone());
+        match &job.aim {
+            Aim::Stop => {
+                let Some(from) = &job.from else { return };
+                let kind = OrderKind::Stop {
+                    epoch: job.from_epoch,
+                };
+                let order = self.orders.give(component(from), mc, kind, now, None);
+                job.step = Step::Stopping {
+                    order,
+                    deadline: now.plus_us(STOP_US),
+                };
+            }
+            Aim::Activate(target) => {
+                let Some(epoch) = self.epochs.take(mc) else {
+                    return;
+                };
+                let kind = OrderKind::Activate {
+                    epoch,
+                    after: None,
+                    force: job.force,
+                    reset: job.reset,
+                    within_us: settings.activation_us,
+                };
+                let order = self.orders.give(component(target), mc, kind, now, None);
+                job.step = Step::Activating {
+                    epoch,
+                    order,
+                    deadline: now.plus_us(settings.activation_us),
+                };
+            }
+            Aim::Handover(target) => {
+                let Some(from) = job.from.clone() else { return };
+                let Some(epoch) = self.epochs.take(mc) else {
+                    return;
+                };
+                let activate = OrderKind::Activate {
+                    epoch,
+                    after: Some(from.clone()),
+                    force: false,
+                    reset: None,
+                    within_us: settings.release_us + settings.activation_us,
+                };
+                let release = OrderKind::Release {
+                    epoch: job.from_epoch,
+                    successor: Successor {
+                        epoch,
+                        owner: target.clone(),
+                    },
+                    within_us: settings.release_us,
+                };
+                // The successor hears first, so that it is ready when the last frame comes.
+                let activate = self.orders.give(component(target), mc, activate, now, None);
+                let release = self.orders.give(component(&from), mc, release, now, None);
+                job.step = Step::Releasing {
+                    epoch,
+                    activate,
+                    release,
+                    deadline: now.plus_us(settings.release_us + RELEASE_GRACE_US),
+                };
+            }
+        }
+    }
+
+    /// Looks at all jobs.
+    pub(super) fn review_jobs(&mut self, now: Now) {
+        let mcs: Vec<McId> = self.jobs.keys().cloned().collect();
+        for mc in mcs {
+            let standing = self.standing(&mc, now);
+            self.settle_job(&mc, standing, now);
+            self.order_if_possible(&mc, now);
+        }
+    }
+
+    pub(super) fn jobs_deadline(&self) -> Option<(Now, &'static str)> {
+        self.jobs.values().filter_map(Job::deadline).min()
+    }
+
+    /// What is on its way, in words.
+    pub(super) fn jobs_in_words(&self) -> Vec<String> {
+        self.jobs
+            .iter()
+            .map(|(mc, job)| {
+                let step = match &job.step {
+                    Step::Reserving => "waits for the repository to make an epoch durable",
+                    Step::Activating { .. } => "is being activated",
+                    Step::Releasing { .. } => "waits for a non-critical state",
+                    Step::Stopping { .. } => "is being stopped",
+                };
+                match job.target() {
+                    Some(target) => format!("{mc} to {}: {step}", target.controller),
+                    None => format!("{mc}: {step}"),
+                }
+            })
+            .collect()
+    }
+
+    fn standing(&self, mc: &McId, now: Now) -> Standing {
+        let (Some(job), Some((model, view))) = (self.jobs.get(mc), self.view.mc(mc)) else {
+            return Standing::Wait;
+        };
+        let dropped = |why: &str| Standing::Dropped(why.to_owned());
+        if !self
+            .view
+            .gateways
+            .get(&model.gateway)
+            .is_some_and(|g| g.is_up())
+        {
+            return dropped("its gateway cannot be seen");
+        }
+        let Some(record) = &view.record else {
+            return Standing::Wait;
+        };
+        let Some(target) = job.target() else {
+            return stop_standing(job, record, now);
+        };
+        let lost = !self.view.life_is_up(target);
+        match &job.step {
+            _ if lost && !is_driven_by(record, target, job) => Standing::Failed {
+                why: format!("{} is lost", target.controller),
+                leave_out: false,
+            },
+            Step::Reserving => self.reserving(mc, job, record),
+            Step::Activating {
+                epoch, deadline, ..
+            } => self.activating(mc, job, record, *epoch, *deadline, now),
+            Step::Releasing {
+                epoch, deadline, ..
+            } => self.releasing(mc, job, record, *epoch, *deadline, now),
+            Step::Stopping { .. } => Standing::Wait,
+        }
+    }
+
+    /// Nothing has gone out yet: it may simply be dropped.
+    fn reserving(&self, mc: &McId, job: &Job, record: &RecordSummary) -> Standing {
+        if record.epoch != job.from_epoch || record.owner != job.from {
+            return Standing::Dropped("another epoch was opened meanwhile".to_owned());
+        }
+        match &job.aim {
+            Aim::Activate(_) if self.is_healthy_again(mc, job, record) => {
+                Standing::Dropped("its owner is healthy again".to_owned())
+            }
+            Aim::Handover(_)
+                if self.view.need(mc).is_some() || record.state != RecordState::Open =>
+            {
+                Standing::Dropped("its owner no longer drives it".to_owned())
+            }
+            _ => Standing::Wait,
+        }
+    }
+
+    fn activating(
+        &self,
+        mc: &McId,
+        job: &Job,
+        record: &RecordSummary,
+        epoch: Epoch,
+        deadline: Now,
+        now: Now,
+    ) -> Standing {
+        let failed = |why: String| Standing::Failed {
+            why,
+            leave_out: true,
+        };
+        if record.epoch > epoch || (record.epoch == epoch && record.owner.as_ref() != job.target())
+        {
+            return Standing::Dropped(format!("epoch {} was opened by another", record.epoch));
+        }
+        if record.epoch == epoch {
+            return match &record.state {
+                RecordState::Open if record.driven => Standing::Done,
+                RecordState::Open if now >= deadline => {
+                    failed("no frame was applied in time".to_owned())
+                }
+                RecordState::Open => Standing::Wait,
+                // It ran, and has already gone on.
+                RecordState::Released(_) | RecordState::Stopped | RecordState::Faulted(_) => {
+                    Standing::Done
+                }
+                RecordState::Never | RecordState::Closed | RecordState::FailSafe => {
+                    failed(format!("its epoch is {} already", record.state.word()))
+                }
+            };
+        }
+        if record.state.needs_reset() && job.reset.is_none() {
+            return Standing::Dropped(format!("it is {}", record.state.word()));
+        }
+        if self.is_healthy_again(mc, job, record) {
+            return Standing::Dropped("its owner is healthy again".to_owned());
+        }
+        if now >= deadline {
+            return failed("its epoch was not opened in time".to_owned());
+        }
+        Standing::Wait
+    }
+
+    fn releasing(
+        &self,
+        mc: &McId,
+        job: &Job,
+        record: &RecordSummary,
+        epoch: Epoch,
+        deadline: Now,
+        now: Now,
+    ) -> Standing {
+        if record.epoch > epoch || (record.epoch == epoch && record.owner.as_ref() != job.target())
+        {
+            return Standing::Dropped(format!("epoch {} was opened by another", record.epoch));
+        }
+        if record.epoch == epoch {
+            return Standing::Released;
+        }
+        match &record.state {
+            RecordState::Released(successor) if successor.epoch == epoch => Standing::Released,
+            RecordState::Open if record.epoch == job.from_epoch && self.view.need(mc).is_none() => {
+                if now >= deadline {
+                    Standing::Failed {
+                        why: "it came to no non-critical state in time".to_owned(),
+                        leave_out: false,
+                    }
+                } else {
+                    Standing::Wait
+                }
+            }
+            state => Standing::Dropped(match self.view.need(mc) {
+                Some(Need::Silent(_)) => "its owner fell silent".to_owned(),
+                Some(Need::Lost(controller, _)) => format!("{controller} is lost"),
+                _ => format!("its record says: {}", state.word()),
+            }),
+        }
+    }
+
+    /// A false alarm: the owner that was given up drives, and nobody wants to take it by force.
+    fn is_healthy_again(&self, mc: &McId, job: &Job, record: &RecordSummary) -> bool {
+        record.state == RecordState::Open
+            && record.epoch == job.from_epoch
+            && !job.force
+            && job.reset.is_none()
+            && self.view.need(mc).is_none()
+    }
+
+    fn settle_job(&mut self, mc: &McId, standing: Standing, now: Now) {
+        match standing {
+            Standing::Wait => {}
+            Standing::Released => self.now_activating(mc, now),
+            Standing::Done => self.end_done(mc, now),
+            Standing::Dropped(why) => self.end_badly(mc, &why, false, now),
+            Standing::Failed { why, leave_out } => {
+                // Lost to the manager alone: the gateway sees the owner drive, so it is left alone.
+                if leave_out && self.gateway_contradicts(mc) {
+                    self.end_badly(mc, "the gateway sees its owner drive", false, now);
+                } else {
+                    self.end_badly(mc, &why, leave_out, now);
+                }
+            }
+        }
+    }
+
+    fn now_activating(&mut self, mc: &McId, now: Now) {
+        let wait_us = self.view.model.settings.activation_us;
+        if let Some(job) = self.jobs.get_mut(mc)
+            && let Step::Releasing {
+                epoch,
+                activate,
+                release,
+                ..
+            } = job.step
+        {
+            self.orders.withdraw(release);
+            job.step = Step::Activating {
+                epoch,
+                order: activate,
+                deadline: now.plus_us(wait_us),
+            };
+            let standing = self.standing(mc, now);
+            if !matches!(standing, Standing::Released) {
+                self.settle_job(mc, standing, now);
+            }
+        }
+    }
+
+    /// An owner is lost to the manager, but the gateway has its frames: remembers to leave it alone under this epoch.
+    fn gateway_contradicts(&mut self, mc: &McId) -> bool {
+        let Some(job) = self.jobs.get(mc) else {
+            return false;
+        };
+        if job.force || !matches!(job.aim, Aim::Activate(_)) {
+            return false;
+        }
+        let from_epoch = job.from_epoch;
+        let cycle_us = self.view.model.mc(mc).map_or(0, |m| u64::from(m.cycle_us));
+        let Some(view) = self.view.mcs.get_mut(mc) else {
+            return false;
+        };
+        let drives = view.record.as_ref().is_some_and(|r| {
+            r.state == RecordState::Open
+                && r.epoch == from_epoch
+                && r.driven
+                && !r.suspect
+                && r.silent_us <= HEALTHY_CYCLES * cycle_us
+        });
+        if drives {
+            view.left_alone = Some(from_epoch);
+        }
+        drives
+    }
+
+    fn end_done(&mut self, mc: &McId, now: Now) {
+        let Some(job) = self.jobs.remove(mc) else {
+            return;
+        };
+        self.withdraw_orders(&job);
+        let Some(view) = self.view.mcs.get_mut(mc) else {
+            return;
+        };
+        view.under_way = None;
+        let took_ms = now.since_us(job.began) / 1_000;
+        let record = view.record.clone();
+        if let Some(target) = job.target() {
+            view.reset = None;
+            view.shed = false;
+            view.left_out.remove(&target.controller);
+            let text = match &job.from {
+                Some(from) if matches!(job.aim, Aim::Handover(_)) => format!(
+                    "{mc} runs on {}, handed over by {} within {took_ms} ms",
+                    target.controller, from.controller
+                ),
+                _ => format!(
+                    "{mc} runs on {}, {took_ms} ms after the order",
+                    target.controller
+                ),
+            };
+            let mut event = Event::new(Severity::Info, EventKind::McActivated, text)
+                .mc(mc)
+                .controller(&target.controller);
+            if let Some(record) = &record {
+                event = event.epoch(record.epoch).scan(record.scan());
+            }
+            event.plan = job.plan;
+            self.event(event, now);
+        }
+        self.job_ended(job.plan, mc, None, now);
+    }
+
+    fn end_badly(&mut self, mc: &McId, why: &str, leave_out: bool, now: Now) {
+        let Some(job) = self.jobs.remove(mc) else {
+            return;
+        };
+        self.withdraw_orders(&job);
+        self.call_off(mc, &job, now);
+        let Some(view) = self.view.mcs.get_mut(mc) else {
+            return;
+        };
+        view.under_way = None;
+        let kind = match (&job.aim, leave_out) {
+            (Aim::Stop, _) => EventKind::McStopped,
+            (_, true) => EventKind::ActivationFailed,
+            (_, false) => EventKind::MoveCancelled,
+        };
+        let mut event;
+        if let Some(target) = job.target() {
+            let controller = &target.controller;
+            if leave_out {
+                let failures = view.left_out.get(controller).map_or(0, |l| l.failures) + 1;
+                let pause_us = (LEFT_OUT_US << (failures - 1).min(10)).min(LEFT_OUT_MAX_US);
+                view.left_out.insert(
+                    controller.clone(),
+                    LeftOut {
+                        until: now.plus_us(pause_us),
+                        failures,
+                        cleared: false,
+                        why: why.to_owned(),
+                    },
+                );
+            }
+            let text = if leave_out {
+                format!(
+                    "{mc} could not be activated on {controller}: {why}; it is left out there for now"
+                )
+            } else {
+                format!("the move of {mc} to {controller} is off: {why}")
+            };
+            event = Event::new(Severity::Warning, kind, text).controller(controller);
+        } else {
+            event = Event::new(
+                Severity::Warning,
+                kind,
+                format!("{mc} could not be stopped: {why}"),
+            );
+        }
+        event.plan = job.plan;
+        self.event(event.mc(mc).epoch(job.from_epoch), now);
+        // The assignment follows what is.
+        let on = self.view.runs_on(mc).cloned();
+        if let Some(view) = self.view.mcs.get_mut(mc)
+            && view.assigned != on
+        {
+            view.assigned = on;
+            self.new_generation(self.view.generation.next());
+        }
+        self.job_ended(job.plan, mc, Some(why), now);
+    }
+
+    fn withdraw_orders(&mut self, job: &Job) {
+        match job.step {
+            Step::Reserving => {}
+            Step::Activating { order, .. } | Step::Stopping { order, .. } => {
+                self.orders.withdraw(order);
+            }
+            Step::Releasing {
+                activate, release, ..
+            } => {
+                self.orders.withdraw(activate);
+                self.orders.withdraw(release);
+            }
+        }
+    }
+
+    /// Tells those who were ordered that it is off.
+    fn call_off(&mut self, mc: &McId, job: &Job, now: Now) {
+        let expires = Some(now.plus_us(CANCEL_US));
+        let mut cancel = |owner: &Owner, epoch: Epoch| {
+            let to = AgentId::Component(owner.controller.clone(), mc.clone());
+            let kind = OrderKind::CancelRelease { epoch };
+            self.orders.give(to, mc, kind, now, expires);
+        };
+        match (&job.step, job.target()) {
+            (Step::Activating { epoch, .. }, Some(target)) => cancel(target, *epoch),
+            (Step::Releasing { epoch, .. }, Some(target)) => {
+                if let Some(from) = &job.from {
+                    cancel(from, job.from_epoch);
+                }
+                cancel(target, *epoch);
+            }
+            _ => {}
+        }
+    }
+
+    /// An order has failed: no need to wait for its deadline.
+    pub(super) fn heed(&mut self, mc: &McId, report: &McReport, now: Now) {
+        let (Some(job), Some(answered)) = (self.jobs.get(mc), report.order) else {
+            return;
+        };
+        let standing = match (&job.step, &report.outcome) {
+            (
+                Step::Activating {
+                    order: activate, ..
+                }
+                | Step::Releasing { activate, .. },
+                McOutcome::NotOpened(why),
+            ) if *activate == answered => Standing::Failed {
+                why: why.clone(),
+                leave_out: true,
+            },
+            (Step::Releasing { release, .. }, McOutcome::ReleaseCancelled(why))
+                if *release == answered =>
+            {
+                Standing::Failed {
+                    why: why.clone(),
+                    leave_out: false,
+                }
+            }
+            _ => return,
+        };
+        self.settle_job(mc, standing, now);
+    }
+}
+
+fn stop_standing(job: &Job, record: &RecordSummary, now: Now) -> Standing {
+    if record.epoch != job.from_epoch {
+        return Standing::Dropped(format!("epoch {} was opened meanwhile", record.epoch));
+    }
+    match &record.state {
+        RecordState::Open | RecordState::Released(_) => match job.deadline() {
+            Some((deadline, _)) if now >= deadline => Standing::Failed {
+                why: "its stop POU did not end in time".to_owned(),
+                leave_out: false,
+            },
+            _ => Standing::Wait,
+        },
+        RecordState::Never
+        | RecordState::Closed
+        | RecordState::FailSafe
+        | RecordState::Stopped
+        | RecordState::Faulted(_) => Standing::Done,
+    }
+}
+
+/// Whether the target has got it already: its loss after that is a new failure.
+fn is_driven_by(record: &RecordSummary, target: &Owner, job: &Job) -> bool {
+    record.epoch > job.from_epoch && record.owner.as_ref() == Some(target) && record.driven
+}

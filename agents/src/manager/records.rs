@@ -1,0 +1,210 @@
+//! What the gateways' images say: the truth about who drives.
+
+use super::MiddlewareManager;
+use fam_proto::{
+    ControllerId, Event, EventKind, InputImage, McId, Now, RecordState, RecordSummary, Severity,
+};
+
+impl MiddlewareManager {
+    /// Takes an image, unless it is older than what is known or of an unknown gateway.
+    pub(super) fn take_image(&mut self, image: &InputImage, now: Now) {
+        let Some(gateway) = self.view.gateways.get_mut(&image.gateway) else {
+            self.bad_messages += 1;
+            return;
+        };
+        let name = &image.gateway;
+        let known = gateway.boot;
+        if known.is_some_and(|b| (image.boot, image.number) <= (b, gateway.image)) {
+            return;
+        }
+        let was_down = gateway.down;
+        gateway.boot = Some(image.boot);
+        gateway.image = image.number;
+        gateway.heard = now;
+        gateway.down = false;
+        let text = match known {
+            None => Some(format!("gateway {name} is there (boot {})", image.boot)),
+            Some(boot) if boot != image.boot => Some(format!(
+                "gateway {name} was restarted (boot {}): every epoch it had open is closed",
+                image.boot
+            )),
+            Some(_) if was_down => Some(format!("gateway {name} is heard again")),
+            Some(_) => None,
+        };
+        if let Some(text) = text {
+            self.view.version += 1;
+            self.event(
+                Event::new(Severity::Info, EventKind::GatewayJoined, text),
+                now,
+            );
+        }
+        for record in &image.records {
+            self.take_record(record, &image.gateway, now);
+        }
+    }
+
+    fn take_record(&mut self, record: &RecordSummary, gateway: &fam_proto::GatewayId, now: Now) {
+        let mc = &record.mc;
+        if self.view.mc(mc).is_none_or(|(m, _)| &m.gateway != gateway) {
+            return;
+        }
+        let Some(view) = self.view.mcs.get_mut(mc) else {
+            return;
+        };
+        self.epochs.seen(mc, record.epoch);
+        let before = view.record.replace(record.clone());
+        if view
+            .left_alone
+            .is_some_and(|e| e != record.epoch || record.suspect)
+        {
+            view.left_alone = None;
+        }
+        let Some(before) = before else {
+            return; // found as it is: told by `adopt`, or by whoever saw it happen
+        };
+        if before.owner != record.owner || before.epoch != record.epoch {
+            view.state = None;
+        }
+        let changed = before.state != record.state || before.epoch != record.epoch;
+        let owner = record.owner.as_ref().map(|o| o.controller.clone());
+        match &record.state {
+            RecordState::FailSafe if changed => {
+                let text = format!(
+                    "{mc}: no valid frame came in time, the gateway has set its fail-safe values"
+                );
+                self.mc_event(
+                    Severity::Alarm,
+                    EventKind::McFailSafe,
+                    record,
+                    owner,
+                    text,
+                    now,
+                );
+            }
+            RecordState::Stopped if changed => {
+                let text = format!("{mc} is stopped; `fam reset {mc}` brings it back");
+                self.mc_event(
+                    Severity::Info,
+                    EventKind::McStopped,
+                    record,
+                    owner,
+                    text,
+                    now,
+                );
+            }
+            RecordState::Faulted(trap) if changed => {
+                let text =
+                    format!("{mc} is stopped by a fault: {trap}; `fam reset {mc}` brings it back");
+                self.mc_event(
+                    Severity::Alarm,
+                    EventKind::McFaulted,
+                    record,
+                    owner,
+                    text,
+                    now,
+                );
+            }
+            RecordState::Open if record.suspect && !before.suspect => {
+                let text = format!(
+                    "{mc}: no valid frame for {}.{} ms",
+                    record.silent_us / 1_000,
+                    record.silent_us / 100 % 10
+                );
+                self.mc_event(
+                    Severity::Warning,
+                    EventKind::McSuspect,
+                    record,
+                    owner,
+                    text,
+                    now,
+                );
+            }
+            RecordState::Never
+            | RecordState::Open
+            | RecordState::Released(_)
+            | RecordState::Closed
+            | RecordState::FailSafe
+            | RecordState::Stopped
+            | RecordState::Faulted(_) => {}
+        }
+    }
+
+    /// An event about an MC that its gateway or its agent may tell, too: once is enough.
+    pub(super) fn mc_event(
+        &mut self,
+        severity: Severity,
+        kind: EventKind,
+        record: &RecordSummary,
+        controller: Option<ControllerId>,
+        text: String,
+        now: Now,
+    ) {
+        let scan = if kind == EventKind::McSuspect {
+            record.scan().0
+        } else {
+            0
+        };
+        if !self.is_news(kind, &record.mc, record.epoch, scan) {
+            return;
+        }
+        let mut event = Event::new(severity, kind, text)
+            .mc(&record.mc)
+            .epoch(record.epoch)
+            .scan(record.scan());
+        event.controller = controller;
+        self.event(event, now);
+    }
+
+    /// An event that a node or a gateway tells.
+    pub(super) fn foreign_event(&mut self, event: Event, now: Now) {
+        let told_twice = matches!(
+            event.kind,
+            EventKind::McFailSafe
+                | EventKind::McStopped
+                | EventKind::McFaulted
+                | EventKind::McSuspect
+        );
+        if told_twice && let (Some(mc), Some(epoch)) = (&event.mc, event.epoch) {
+            let scan = match event.kind {
+                EventKind::McSuspect => event.scan.map_or(0, |s| s.0),
+                _ => 0,
+            };
+            if !self.is_news(event.kind, &mc.clone(), epoch, scan) {
+                return;
+            }
+        }
+        self.event(event, now);
+    }
+
+    /// Takes the plant as it finds it: an MC that somebody drives belongs there, whatever was planned before.
+    pub(super) fn adopt(&mut self, now: Now) {
+        let found: Vec<(McId, ControllerId)> = self
+            .view
+            .mcs
+            .iter()
+            .filter(|(_, m)| m.under_way.is_none())
+            .filter(|(_, m)| m.record.as_ref().is_some_and(|r| r.driven))
+            .filter_map(|(mc, m)| {
+                let on = self.view.runs_on(mc)?;
+                (m.assigned.as_ref() != Some(on)).then(|| (mc.clone(), on.clone()))
+            })
+            .collect();
+        if found.is_empty() {
+            return;
+        }
+        for (mc, on) in &found {
+            let Some(view) = self.view.mcs.get_mut(mc) else {
+                continue;
+            };
+            view.assigned = Some(on.clone());
+            let epoch = view
+                .record
+                .as_ref()
+                .map_or(fam_proto::Epoch(0), |r| r.epoch);
+            let text = format!("{mc} runs on {on}: taken as it is found");
+            let event = Event::new(Severity::Info, EventKind::McActivated, text);
+            self.event(event.mc(mc).controller(on).epoch(epoch), now);
+        }
+        self.new_generation(self.view.generation.next());
+    }
+}

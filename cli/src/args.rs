@@ -1,0 +1,364 @@
+//! The command line of `fam`.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use fam_proto::{ControllerId, GatewayId, McId};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// Flexible Automation Middleware: controllers that share their work and survive each other's failure.
+#[derive(Debug, Parser)]
+#[command(name = "fam", version, propagate_version = true, max_term_width = 110, after_help = "\
+Examples:
+  fam demo                                the FMS-200 cell through joins, crashes, a freeze and a drain, in about 80 s
+  fam up deploy/fms200/deployment.toml    start a cell and keep it running
+  fam status --watch                      who runs what, and with which workload
+  fam drain controller1                   take a controller out for maintenance
+  fam bench failover --kind kill          measure the failover on this machine")]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// Subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run the case study of the FMS-200 cell with real processes, and write a report
+    Demo(DemoArgs),
+    /// Start all processes of a deployment and keep them running until Ctrl-C
+    Up(UpArgs),
+    /// Run the manager: Middleware Manager, QoS Monitors, Diagnosis & Decision, repository
+    Manager(ManagerArgs),
+    /// Run a controller node: soft-PLC, Controller Agent, MC Agents
+    Node(NodeArgs),
+    /// Run an I/O gateway: records, fence, fail-safe values, field driver
+    Gateway(GatewayArgs),
+    /// Run the simulated FMS-200 plant behind Modbus TCP
+    Plant(PlantArgs),
+    /// Show controllers, MCs, workloads and what is going on
+    Status(StatusArgs),
+    /// Show the event history
+    Events(EventsArgs),
+    /// Move an MC to a controller, at its next non-critical state
+    Move(MoveArgs),
+    /// Move all MCs off a controller and give it no more
+    Drain(ControllerArgs),
+    /// End a drain
+    Undrain(ControllerArgs),
+    /// Keep an MC where it is, or on a given controller, while that controller lives
+    Pin(PinArgs),
+    /// End a pin
+    Unpin(McArgs),
+    /// Run an MC's stop POU and leave it stopped
+    Stop(McArgs),
+    /// Bring a stopped or faulted MC back
+    Reset(ResetArgs),
+    /// Acknowledge alarms
+    Ack(AckArgs),
+    /// Read and write the points of a gateway with the `image` driver
+    Io(IoArgs),
+    /// Check a cell and say everything that is wrong with it
+    Check(CheckArgs),
+    /// Write the Flexible Automation Projects and diagnosis files of a cell
+    Generate(GenerateArgs),
+    /// Measure this machine and this build
+    Bench(crate::bench::BenchArgs),
+}
+
+/// How to reach the cell.
+#[derive(Debug, Clone, Args)]
+pub struct CellArgs {
+    /// Name of the cell
+    #[arg(long, default_value = "fms200", env = "FAM_CELL_NAME")]
+    pub name: String,
+    /// Zenoh endpoint of the manager
+    #[arg(long, default_value = DEFAULT_MANAGER, env = "FAM_MANAGER")]
+    pub manager: String,
+}
+
+/// Endpoint of the manager unless told otherwise.
+pub const DEFAULT_MANAGER: &str = "tcp/127.0.0.1:7447";
+/// Endpoint of the gateway unless told otherwise.
+pub const DEFAULT_GATEWAY: &str = "tcp/127.0.0.1:7448";
+
+/// How a process writes its log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LogArg {
+    /// Lines for people.
+    Plain,
+    /// One JSON object a line.
+    Json,
+}
+
+/// `fam demo`
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// No progress display: one line for each step
+    #[arg(long)]
+    pub headless: bool,
+    /// Folder for the report
+    #[arg(long, value_name = "DIR", default_value = "fam-report")]
+    pub report: PathBuf,
+    /// Print the result as one JSON object
+    #[arg(long)]
+    pub json: bool,
+    /// Seed of the plant: which parts come out of the feeders, in which order
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Cell to run
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub cell: Option<PathBuf>,
+}
+
+/// `fam up`
+#[derive(Debug, Args)]
+pub struct UpArgs {
+    /// Deployment file
+    pub deployment: PathBuf,
+}
+
+/// `fam manager`
+#[derive(Debug, Args)]
+pub struct ManagerArgs {
+    /// Cell model
+    #[arg(long, value_name = "FILE")]
+    pub cell: PathBuf,
+    /// Endpoint to listen on
+    #[arg(long, default_value = DEFAULT_MANAGER)]
+    pub listen: String,
+    /// Endpoints of the gateways
+    #[arg(long, default_value = DEFAULT_GATEWAY)]
+    pub connect: Vec<String>,
+    /// File of the System Repository
+    #[arg(long, value_name = "FILE", default_value = "fam-repository.redb")]
+    pub repository: PathBuf,
+    /// Form of the log
+    #[arg(long, value_enum, default_value = "plain")]
+    pub log: LogArg,
+}
+
+/// `fam node`
+#[derive(Debug, Args)]
+pub struct NodeArgs {
+    /// Which controller of the cell this is
+    pub controller: ControllerId,
+    /// Cell model
+    #[arg(long, value_name = "FILE")]
+    pub cell: PathBuf,
+    /// Endpoints of manager and gateways
+    #[arg(long, default_values_t = [DEFAULT_MANAGER.to_owned(), DEFAULT_GATEWAY.to_owned()])]
+    pub connect: Vec<String>,
+    /// Endpoint to listen on; port 0 takes a free one, the others learn it through gossip
+    #[arg(long, default_value = "tcp/127.0.0.1:0")]
+    pub listen: String,
+    /// Neither listen nor let others find this node: it reaches the cell through the given endpoints alone
+    #[arg(long, hide = true)]
+    pub isolated: bool,
+    /// Publish measuring points of scans and checkpoints, for benchmarks
+    #[arg(long, hide = true)]
+    pub trace: bool,
+    /// Folder for compiled modules
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// SCHED_FIFO priority of the scan thread, used where the machine allows it; 0 for normal scheduling
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub priority: u8,
+    /// Lock memory against paging, where allowed
+    #[arg(long)]
+    pub lock_memory: bool,
+    /// Pin the scan thread to this CPU; may be given several times
+    #[arg(long, value_name = "N")]
+    pub cpu: Vec<usize>,
+    /// Form of the log
+    #[arg(long, value_enum, default_value = "plain")]
+    pub log: LogArg,
+}
+
+/// `fam gateway`
+#[derive(Debug, Args)]
+pub struct GatewayArgs {
+    /// Which gateway of the cell this is
+    pub gateway: GatewayId,
+    /// Cell model
+    #[arg(long, value_name = "FILE")]
+    pub cell: PathBuf,
+    /// Endpoint to listen on
+    #[arg(long, default_value = DEFAULT_GATEWAY)]
+    pub listen: String,
+    /// Endpoints of the manager and of other gateways
+    #[arg(long, default_value = DEFAULT_MANAGER)]
+    pub connect: Vec<String>,
+    /// File of the records
+    #[arg(long, value_name = "FILE", default_value = "fam-records.bin")]
+    pub records: PathBuf,
+    /// Address of the field device, in place of the model's
+    #[arg(long, value_name = "HOST:PORT")]
+    pub field: Option<String>,
+    /// Publish what is applied behind the fence, for benchmarks and reports
+    #[arg(long)]
+    pub recorder: bool,
+    /// Form of the log
+    #[arg(long, value_enum, default_value = "plain")]
+    pub log: LogArg,
+}
+
+/// `fam plant`
+#[derive(Debug, Args)]
+pub struct PlantArgs {
+    /// Modbus TCP address
+    #[arg(long, default_value = "127.0.0.1:1502")]
+    pub modbus: SocketAddr,
+    /// Address of the status port (a request a line, an answer in JSON a line)
+    #[arg(long, default_value = "127.0.0.1:1503")]
+    pub status: SocketAddr,
+    /// Seed: which parts come out of the feeders, in which order
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Form of the log
+    #[arg(long, value_enum, default_value = "plain")]
+    pub log: LogArg,
+}
+
+/// `fam status`
+#[derive(Debug, Args)]
+pub struct StatusArgs {
+    #[command(flatten)]
+    pub cell: CellArgs,
+    /// Show it again every half second
+    #[arg(long)]
+    pub watch: bool,
+    /// One JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `fam events`
+#[derive(Debug, Args)]
+pub struct EventsArgs {
+    #[command(flatten)]
+    pub cell: CellArgs,
+    /// Go on with new events
+    #[arg(long)]
+    pub follow: bool,
+    /// One JSON object a line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `fam move`
+#[derive(Debug, Args)]
+pub struct MoveArgs {
+    /// The MC
+    pub mc: McId,
+    /// Where to
+    #[arg(long)]
+    pub to: ControllerId,
+    /// Even over a healthy owner that does not release
+    #[arg(long)]
+    pub force: bool,
+    #[command(flatten)]
+    pub cell: CellArgs,
+}
+
+/// A controller.
+#[derive(Debug, Args)]
+pub struct ControllerArgs {
+    /// The controller
+    pub controller: ControllerId,
+    #[command(flatten)]
+    pub cell: CellArgs,
+}
+
+/// An MC.
+#[derive(Debug, Args)]
+pub struct McArgs {
+    /// The MC
+    pub mc: McId,
+    #[command(flatten)]
+    pub cell: CellArgs,
+}
+
+/// `fam pin`
+#[derive(Debug, Args)]
+pub struct PinArgs {
+    /// The MC
+    pub mc: McId,
+    /// To which controller; where it is if left out
+    #[arg(long)]
+    pub to: Option<ControllerId>,
+    #[command(flatten)]
+    pub cell: CellArgs,
+}
+
+/// `fam reset`
+#[derive(Debug, Args)]
+pub struct ResetArgs {
+    /// The MC
+    pub mc: McId,
+    /// All variables take their initial values
+    #[arg(long, conflicts_with = "warm")]
+    pub cold: bool,
+    /// Retained variables keep their values
+    #[arg(long)]
+    pub warm: bool,
+    #[command(flatten)]
+    pub cell: CellArgs,
+}
+
+/// `fam ack`
+#[derive(Debug, Args)]
+pub struct AckArgs {
+    /// Number of the event, as `fam events` shows it; all alarms if left out
+    pub event: Option<u64>,
+    #[command(flatten)]
+    pub cell: CellArgs,
+}
+
+/// `fam io`
+#[derive(Debug, Args)]
+pub struct IoArgs {
+    /// What to do
+    #[command(subcommand)]
+    pub what: IoCommand,
+    /// Which gateway
+    #[arg(long, default_value = "gateway1", global = true)]
+    pub gateway: GatewayId,
+    /// Name of the cell
+    #[arg(long, default_value = "fms200", env = "FAM_CELL_NAME", global = true)]
+    pub name: String,
+    /// Zenoh endpoint of the gateway
+    #[arg(long, default_value = DEFAULT_GATEWAY, env = "FAM_GATEWAY", global = true)]
+    pub endpoint: String,
+}
+
+/// Subcommands of `fam io`.
+#[derive(Debug, Subcommand)]
+pub enum IoCommand {
+    /// Print points, inputs and outputs as CSV; all if none is named
+    Get {
+        /// Points
+        points: Vec<String>,
+    },
+    /// Set input points: `point=value`, or CSV (`name,value`) on standard input where none is given
+    Set {
+        /// Values
+        values: Vec<String>,
+    },
+}
+
+/// `fam check`
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// Cell model
+    pub cell: PathBuf,
+}
+
+/// `fam generate`
+#[derive(Debug, Args)]
+pub struct GenerateArgs {
+    /// Cell model
+    pub cell: PathBuf,
+    /// Where to
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}

@@ -1,0 +1,138 @@
+//! `fam bench`: figures of this machine and this build, from normal processes with the settings of `fam up`.
+
+mod checkpoint;
+mod failover;
+mod moves;
+mod plan;
+mod quiet;
+mod relay;
+mod rig;
+mod state;
+mod stats;
+mod traced;
+mod witness;
+
+pub use witness::Witness;
+
+use anyhow::Result;
+use clap::{Args, Subcommand, ValueEnum};
+use comfy_table::Cell;
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+
+/// `fam bench`
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure
+    #[command(subcommand)]
+    pub what: Bench,
+    /// Print one JSON object instead of a table
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Cell to run in place of the FMS-200
+    #[arg(long, global = true, value_name = "FILE")]
+    pub cell: Option<PathBuf>,
+}
+
+/// How the active controller is taken away.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FailoverKind {
+    /// SIGKILL.
+    Kill,
+    /// SIGSTOP.
+    Freeze,
+    /// A link that goes silent without closing.
+    Cut,
+}
+
+/// Benchmarks.
+#[derive(Debug, Subcommand)]
+pub enum Bench {
+    /// From the loss of a controller to the first frame of the new one applied
+    Failover {
+        /// How it is lost
+        #[arg(long, value_enum, default_value = "kill")]
+        kind: FailoverKind,
+        /// Cycle of the MCs and tick of all processes
+        #[arg(long, default_value_t = 5)]
+        cycle_ms: u32,
+        /// Number of trials
+        #[arg(long, default_value_t = 100)]
+        trials: usize,
+    },
+    /// Planned moves: gap between the last frame of the old controller and the first of the new
+    Move {
+        /// Cycle of the MCs and tick of all processes
+        #[arg(long, default_value_t = 5)]
+        cycle_ms: u32,
+        /// Number of moves
+        #[arg(long, default_value_t = 200)]
+        trials: usize,
+    },
+    /// A large state, all changed, from scan end on A to lying in B's instance
+    State {
+        /// LREAL variables
+        #[arg(long, default_value_t = 100_000)]
+        variables: usize,
+        /// Number of frames
+        #[arg(long, default_value_t = 200)]
+        trials: usize,
+    },
+    /// Share of the cycle that checkpoints cost, sender thread included
+    Checkpoint {
+        /// LREAL variables
+        #[arg(long, default_value_t = 10_000)]
+        variables: usize,
+        /// Cycle
+        #[arg(long, default_value_t = 10)]
+        cycle_ms: u32,
+        /// Number of scans
+        #[arg(long, default_value_t = 1_000)]
+        trials: usize,
+    },
+    /// A work-balance plan for a large cell, against a planted optimum
+    Plan {
+        /// Controllers
+        #[arg(long, default_value_t = 1_000)]
+        controllers: usize,
+        /// MCs
+        #[arg(long, default_value_t = 10_000)]
+        mcs: usize,
+    },
+    /// False failovers with both cores loaded
+    Quiet {
+        /// How long
+        #[arg(long, default_value_t = 60)]
+        minutes: u64,
+    },
+}
+
+/// Runs one benchmark and prints its figures.
+///
+/// # Errors
+/// If it cannot be run.
+pub fn run(args: &BenchArgs) -> Result<()> {
+    let cell = args.cell.as_deref();
+    let figures = match &args.what {
+        Bench::Failover { kind, cycle_ms, trials } => failover::run(cell, *kind, *cycle_ms, *trials)?,
+        Bench::Move { cycle_ms, trials } => moves::run(cell, *cycle_ms, *trials)?,
+        Bench::State { variables, trials } => state::run(*variables, *trials)?,
+        Bench::Checkpoint { variables, cycle_ms, trials } => checkpoint::run(*variables, *cycle_ms, *trials)?,
+        Bench::Plan { controllers, mcs } => plan::run(*controllers, *mcs)?,
+        Bench::Quiet { minutes } => quiet::run(cell, *minutes)?,
+    };
+    if args.json {
+        println!("{}", Value::Object(figures));
+    } else {
+        print(&figures);
+    }
+    Ok(())
+}
+
+fn print(figures: &Map<String, Value>) {
+    let mut table = crate::status::table(&["figure", "value"]);
+    for (name, value) in figures {
+        table.add_row(vec![Cell::new(name), crate::status::number(value)]);
+    }
+    println!("{table}");
+}

@@ -1,0 +1,74 @@
+//! The `fam` command: starts and embeds every part of FAM.
+
+mod args;
+mod bench;
+mod cell;
+mod demo;
+mod io;
+mod observe;
+mod operate;
+mod processes;
+mod report;
+mod running;
+mod serve;
+mod status;
+mod up;
+
+use anyhow::Result;
+use args::{Cli, Command};
+use clap::Parser;
+use fam_proto::{CommandKind, Reset};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    match dispatch(Cli::parse().command) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            let word = if status::colours_on_stderr() { "\x1b[31merror\x1b[0m" } else { "error" };
+            eprintln!("{word}: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// `Ok(false)`: it was carried out, and something did not hold.
+fn dispatch(command: Command) -> Result<bool> {
+    match command {
+        // These watch real processes from plain threads and bring their own runtime.
+        Command::Demo(args) => return demo::run(&args),
+        Command::Bench(args) => return bench::run(&args).map(|()| true),
+        Command::Check(args) => return cell::check(&args.cell),
+        Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
+        _ => {}
+    }
+    fam_driver::runtime()?.block_on(async {
+        match command {
+            Command::Demo(_) | Command::Bench(_) | Command::Check(_) | Command::Generate(_) => {}
+            Command::Up(args) => up::run(&args).await?,
+            Command::Manager(args) => serve::manager(args).await?,
+            Command::Node(args) => serve::node(args).await?,
+            Command::Gateway(args) => serve::gateway(args).await?,
+            Command::Plant(args) => serve::plant(args).await?,
+            Command::Status(args) => operate::show_status(&args).await?,
+            Command::Events(args) => operate::show_events(&args).await?,
+            Command::Move(a) => operate::command(&a.cell, CommandKind::Move { mc: a.mc, to: a.to, force: a.force }).await?,
+            Command::Drain(a) => operate::command(&a.cell, CommandKind::Drain(a.controller)).await?,
+            Command::Undrain(a) => operate::command(&a.cell, CommandKind::Undrain(a.controller)).await?,
+            Command::Pin(a) => operate::command(&a.cell, CommandKind::Pin { mc: a.mc, to: a.to }).await?,
+            Command::Unpin(a) => operate::command(&a.cell, CommandKind::Unpin(a.mc)).await?,
+            Command::Stop(a) => operate::command(&a.cell, CommandKind::Stop(a.mc)).await?,
+            Command::Reset(a) => {
+                let how = match (a.cold, a.warm) {
+                    (true, _) => Reset::Cold,
+                    (_, true) => Reset::Warm,
+                    _ => Reset::Resume,
+                };
+                operate::command(&a.cell, CommandKind::Reset { mc: a.mc, how }).await?;
+            }
+            Command::Ack(a) => operate::command(&a.cell, CommandKind::Acknowledge(a.event)).await?,
+            Command::Io(args) => io::run(&args).await?,
+        }
+        Ok(true)
+    })
+}

@@ -1,0 +1,101 @@
+//! Operators' commands: ask the manager, print what it says.
+
+use crate::args::{CellArgs, EventsArgs, StatusArgs};
+use crate::status;
+use anyhow::{Context, Result};
+use fam_driver::Client;
+use fam_proto::{CellId, CellStatus, CommandKind, Query, QueryReply};
+use std::io::Write;
+use std::time::Duration;
+
+/// How long the manager may take to answer.
+const ASK_WITHIN: Duration = Duration::from_secs(5);
+/// How long a command may take to its end.
+const COMMAND_WITHIN: Duration = Duration::from_secs(30);
+/// Most events in one answer.
+const EVENTS_LIMIT: u32 = 500;
+
+async fn connect(cell: &CellArgs) -> Result<Client> {
+    let name = CellId::new(&cell.name).context("--name")?;
+    Ok(Client::open(name, vec![cell.manager.clone()]).await?)
+}
+
+/// Gives one command and prints its end.
+///
+/// # Errors
+/// If the manager refuses or cannot be reached.
+pub async fn command(cell: &CellArgs, what: CommandKind) -> Result<()> {
+    let mut client = connect(cell).await?;
+    let words = client.command(what, COMMAND_WITHIN, |begun| eprintln!("{begun} ...")).await?;
+    println!("{words}");
+    client.close().await;
+    Ok(())
+}
+
+async fn ask_status(client: &mut Client) -> Result<CellStatus> {
+    loop {
+        if let QueryReply::Status(status) = client.ask(Query::Status, ASK_WITHIN).await? {
+            return Ok(status);
+        }
+    }
+}
+
+/// `fam status`
+///
+/// # Errors
+/// If the manager cannot be reached.
+pub async fn show_status(args: &StatusArgs) -> Result<()> {
+    let mut client = connect(&args.cell).await?;
+    loop {
+        let seen = ask_status(&mut client).await;
+        if !args.watch {
+            let seen = seen?;
+            if args.json {
+                println!("{}", serde_json::to_string(&status::status_json(&seen)?)?);
+            } else {
+                println!("{}", status::render(&seen));
+            }
+            client.close().await;
+            return Ok(());
+        }
+        match seen {
+            Ok(seen) if args.json => println!("{}", serde_json::to_string(&status::status_json(&seen)?)?),
+            // Home, then clear what an earlier, longer screen has left.
+            Ok(seen) => print!("\x1b[H\x1b[2J{}\nCtrl-C ends", status::render(&seen)),
+            Err(error) => print!("\x1b[H\x1b[2J{error:#}\n"),
+        }
+        std::io::stdout().flush()?;
+        tokio::time::sleep(Duration::from_millis(500)).await;
+    }
+}
+
+/// `fam events`
+///
+/// # Errors
+/// If the manager cannot be reached.
+pub async fn show_events(args: &EventsArgs) -> Result<()> {
+    let mut client = connect(&args.cell).await?;
+    let mut after = 0;
+    loop {
+        let QueryReply::Events { events, more } = client.ask(Query::Events { after, limit: EVENTS_LIMIT }, ASK_WITHIN).await? else {
+            continue;
+        };
+        for event in &events {
+            after = event.seq;
+            if args.json {
+                println!("{}", status::event_json(event));
+            } else {
+                println!("{}", status::event_line(event));
+            }
+        }
+        std::io::stdout().flush()?;
+        if more {
+            continue;
+        }
+        if !args.follow {
+            client.close().await;
+            return Ok(());
+        }
+        tokio::time::sleep(Duration::from_millis(200)).await;
+    }
+}

@@ -1,0 +1,114 @@
+//! `fam up`: all processes of a deployment, until Ctrl-C.
+
+use crate::args::UpArgs;
+use crate::processes::Process;
+use anyhow::{Context, Result, bail};
+use fam_engineering::deployment::{Deployment, DeploymentFile, LogFormat};
+use std::time::Duration;
+
+/// Starts everything and looks after it.
+///
+/// # Errors
+/// If the deployment is wrong, a process cannot be started, or one ends by itself.
+pub async fn run(args: &UpArgs) -> Result<()> {
+    let file = DeploymentFile::read(&args.deployment)?;
+    let model = fam_engineering::build(&file.cell())?.model;
+    let deployment = file.resolve(&model)?;
+    std::fs::create_dir_all(&deployment.run_dir)
+        .with_context(|| format!("cannot make the run directory {}", deployment.run_dir.display()))?;
+    let mut processes = start(&deployment)?;
+    println!(
+        "cell {} is up: {} processes, logs in {}. `fam status --name {} --manager {}` shows it; Ctrl-C ends it.",
+        model.cell,
+        processes.len(),
+        deployment.run_dir.display(),
+        model.cell,
+        deployment.manager.listen
+    );
+    let mut look = tokio::time::interval(Duration::from_millis(250));
+    let end = fam_driver::termination();
+    tokio::pin!(end);
+    let result = loop {
+        tokio::select! {
+            signal = &mut end => {
+                println!("{}: ending the cell", signal?);
+                break Ok(());
+            }
+            _ = look.tick() => {
+                let mut dead = Vec::new();
+                for process in &mut processes {
+                    if let Some(status) = process.ended()? {
+                        dead.push(format!("{} ended by itself with {status}; the end of {}:\n{}", process.name(), process.log().display(), crate::processes::tail(process.log())));
+                    }
+                }
+                if !dead.is_empty() {
+                    break Err(anyhow::anyhow!("{}", dead.join("\n")));
+                }
+            }
+        }
+    };
+    // Nodes were started last and are ended first, so that they can hand over what they drive.
+    let mut failed = Vec::new();
+    while let Some(process) = processes.pop() {
+        if let Err(error) = tokio::task::block_in_place(|| process.terminate()) {
+            failed.push(format!("{error:#}"));
+        }
+    }
+    result?;
+    if !failed.is_empty() {
+        bail!("{}", failed.join("\n"));
+    }
+    Ok(())
+}
+
+fn start(d: &Deployment) -> Result<Vec<Process>> {
+    let cell = d.cell.display().to_string();
+    let log = match d.log.format {
+        LogFormat::Plain => "plain",
+        LogFormat::Json => "json",
+    };
+    let endpoints: Vec<&str> = std::iter::once(d.manager.listen.as_str()).chain(d.gateways.iter().map(|g| g.listen.as_str())).collect();
+    let mut processes = Vec::new();
+    let mut spawn = |name: &str, args: Vec<String>| -> Result<()> {
+        processes.push(Process::start(name, &args, &d.run_dir)?);
+        Ok(())
+    };
+    let words = |words: &[&str]| -> Vec<String> { words.iter().map(|&w| w.to_owned()).collect() };
+    let connect = |args: &mut Vec<String>, own: &str| {
+        for endpoint in endpoints.iter().filter(|e| **e != own) {
+            args.extend(["--connect".to_owned(), (*endpoint).to_owned()]);
+        }
+    };
+    if let Some(plant) = &d.plant {
+        spawn("plant", words(&["plant", "--modbus", &plant.modbus, "--status", &plant.status, "--seed", &plant.seed.to_string(), "--log", log]))?;
+    }
+    for gateway in &d.gateways {
+        let records = gateway.records.display().to_string();
+        let mut args = words(&["gateway", gateway.gateway.as_str(), "--cell", &cell, "--listen", &gateway.listen, "--records", &records, "--log", log]);
+        if let Some(address) = &gateway.address {
+            args.extend(words(&["--field", address]));
+        }
+        connect(&mut args, &gateway.listen);
+        spawn(gateway.gateway.as_str(), args)?;
+    }
+    let repository = d.manager.repository.display().to_string();
+    let mut args = words(&["manager", "--cell", &cell, "--listen", &d.manager.listen, "--repository", &repository, "--log", log]);
+    connect(&mut args, &d.manager.listen);
+    spawn("manager", args)?;
+    let cache = d.run_dir.join("modules").display().to_string();
+    for controller in &d.controllers {
+        let mut args = words(&["node", controller.as_str(), "--cell", &cell, "--cache", &cache, "--log", log]);
+        connect(&mut args, "");
+        if let Some(priority) = d.real_time.priority {
+            args.extend(words(&["--priority", &priority.to_string()]));
+        }
+        if d.real_time.lock_memory {
+            args.push("--lock-memory".to_owned());
+        }
+        for cpu in &d.real_time.cpus {
+            args.extend(words(&["--cpu", &cpu.to_string()]));
+        }
+        spawn(controller.as_str(), args)?;
+    }
+    Ok(processes)
+}

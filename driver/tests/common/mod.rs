@@ -1,0 +1,137 @@
+//! Sessions on the loopback for the tests of the link.
+#![allow(dead_code)] // each test file uses its part
+
+use fam_driver::{Link, LinkEvent, LinkEvents, LinkOptions};
+use fam_proto::{
+    AgentId, BootId, CellId, ControllerId, Envelope, GatewayId, ImageNumber, InputImage, McId,
+    McInputs, Message, OrderId, ProcessId,
+};
+use std::time::Duration;
+
+pub const SOON: Duration = Duration::from_secs(20);
+
+pub fn cell() -> CellId {
+    CellId::new("testcell").unwrap()
+}
+
+pub fn mc() -> McId {
+    McId::new("station1").unwrap()
+}
+
+pub fn node(name: &str) -> ProcessId {
+    ProcessId::Node(ControllerId::new(name).unwrap())
+}
+
+pub fn gateway() -> ProcessId {
+    ProcessId::Gateway(GatewayId::new("gw").unwrap())
+}
+
+pub fn agent(process: &ProcessId) -> AgentId {
+    match process {
+        ProcessId::Manager => AgentId::Manager,
+        ProcessId::Node(c) => AgentId::Controller(c.clone()),
+        ProcessId::Gateway(g) => AgentId::Gateway(g.clone()),
+        ProcessId::Client(n) => AgentId::Client(*n),
+    }
+}
+
+/// An endpoint of the loopback that nobody listens at.
+pub fn endpoint() -> String {
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    format!("tcp/127.0.0.1:{}", free.local_addr().unwrap().port())
+}
+
+pub fn options(process: ProcessId, boot: u64) -> LinkOptions {
+    LinkOptions {
+        boot: BootId(boot),
+        peers: true,
+        ..LinkOptions::new(cell(), process)
+    }
+}
+
+/// Two connected processes, each of which has seen the other.
+pub async fn pair(
+    first: LinkOptions,
+    second: LinkOptions,
+) -> ((Link, LinkEvents), (Link, LinkEvents)) {
+    let at = endpoint();
+    let (a, mut a_events) = Link::open(LinkOptions {
+        listen: vec![at.clone()],
+        ..first
+    })
+    .await
+    .unwrap();
+    let (b, mut b_events) = Link::open(LinkOptions {
+        connect: vec![at],
+        ..second
+    })
+    .await
+    .unwrap();
+    peer(&mut a_events, b.process(), true).await;
+    peer(&mut b_events, a.process(), true).await;
+    ((a, a_events), (b, b_events))
+}
+
+/// The first event that `wanted` takes; others are passed over.
+pub async fn until<T>(
+    events: &mut LinkEvents,
+    what: &str,
+    mut wanted: impl FnMut(LinkEvent) -> Option<T>,
+) -> T {
+    let found = tokio::time::timeout(SOON, async {
+        loop {
+            let event = events.recv().await.expect("the link is open");
+            if let Some(found) = wanted(event) {
+                return found;
+            }
+        }
+    });
+    found
+        .await
+        .unwrap_or_else(|_| panic!("{what} did not come"))
+}
+
+pub async fn peer(events: &mut LinkEvents, who: &ProcessId, up: bool) -> BootId {
+    until(events, &format!("{who} alive: {up}"), |event| match event {
+        LinkEvent::Peer {
+            process,
+            boot,
+            alive,
+        } if &process == who && alive == up => Some(boot),
+        _ => None,
+    })
+    .await
+}
+
+pub async fn message(events: &mut LinkEvents) -> Envelope {
+    until(events, "a message", |event| match event {
+        LinkEvent::Message(envelope) => Some(envelope),
+        _ => None,
+    })
+    .await
+}
+
+/// A message that tells its number.
+pub fn numbered(from: &ProcessId, to: &ProcessId, number: u64) -> Envelope {
+    Envelope {
+        from: agent(from),
+        boot: BootId(1),
+        to: agent(to),
+        body: Message::OrderReceived(OrderId(number)),
+    }
+}
+
+pub fn image(number: u64) -> InputImage {
+    InputImage {
+        gateway: GatewayId::new("gw").unwrap(),
+        boot: BootId(1),
+        number: ImageNumber(number),
+        sent_at_us: 5,
+        inputs: vec![McInputs {
+            mc: mc(),
+            bytes: vec![1, 2, 3],
+            fresh: true,
+        }],
+        records: Vec::new(),
+    }
+}

@@ -1,0 +1,320 @@
+//! Critical intervals of an MC: masks of their conditions, checkpoint states, and whether two of them contradict each other.
+
+use crate::generate::Overlay;
+use crate::logic::Logic;
+use crate::masks::satisfy::{Satisfiable, satisfiable};
+use crate::masks::{Locate, masks};
+use crate::model::{Cell, IntervalSpec, McSpec};
+use crate::problem::{Explain, TomlText};
+use crate::values::{st_text, value_of};
+use fam_proto::diagnosis::{IntervalKind, Mask};
+use fam_soft_plc::check::check_expression;
+use fam_soft_plc::check::tree::{ExprKind, Root};
+use fam_soft_plc::diag::Diagnostic;
+use fam_soft_plc::value::Value;
+use std::ops::Range;
+use toml::Spanned;
+
+/// An interval with its masks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Interval {
+    /// Rows of masks, offsets relative to the serialized state.
+    pub rows: Vec<Vec<Mask>>,
+    /// Checkpoint state, for Deserialize.
+    pub overlay: Vec<Overlay>,
+    /// Checkpoint state, for the diagnosis file: variable and value.
+    pub checkpoint_state: Vec<(String, Value)>,
+}
+
+/// Works out all intervals of an MC. `None` for one that is wrong.
+pub fn intervals(
+    cell: &Cell,
+    mc: &McSpec,
+    logic: &Logic,
+    locate: Locate<'_>,
+    initial_state: &[u8],
+    problems: &mut Vec<Diagnostic>,
+) -> Vec<Option<Interval>> {
+    let found: Vec<Option<Interval>> = mc
+        .intervals
+        .iter()
+        .map(|spec| interval(cell, mc, spec, logic, locate, problems))
+        .collect();
+    overlaps(cell, mc, &found, problems);
+    for (spec, interval) in mc.intervals.iter().zip(&found) {
+        let Some(interval) = interval else { continue };
+        let what = format!("critical interval {} of MC {}", spec.name.get_ref(), mc.mc);
+        if interval.rows.is_empty() {
+            problems.push(
+                cell.text
+                    .error(
+                        "M508",
+                        spec.condition.span(),
+                        format!("{what}: the condition can never hold"),
+                    )
+                    .hint("correct it, or remove the interval"),
+            );
+        } else if interval.rows.iter().any(Vec::is_empty) {
+            problems.push(
+                cell.text
+                    .warning("W803", spec.condition.span(), format!("{what}: the condition always holds"))
+                    .hint("the MC can never be moved as planned, and every interruption runs the action"),
+            );
+        } else if interval
+            .rows
+            .iter()
+            .any(|row| row.iter().all(|m| m.holds(initial_state)))
+        {
+            problems.push(
+                cell.text
+                    .warning(
+                        "W804",
+                        spec.condition.span(),
+                        format!("{what}: the initial state is critical"),
+                    )
+                    .hint("an MC usually starts where its process is known"),
+            );
+        }
+    }
+    found
+}
+
+fn interval(
+    cell: &Cell,
+    mc: &McSpec,
+    spec: &IntervalSpec,
+    logic: &Logic,
+    locate: Locate<'_>,
+    problems: &mut Vec<Diagnostic>,
+) -> Option<Interval> {
+    let what = format!("critical interval {} of MC {}", spec.name.get_ref(), mc.mc);
+    let rows = match rows(cell, mc, spec, &what, logic, locate) {
+        Ok(rows) => Some(rows),
+        Err(found) => {
+            problems.extend(found);
+            None
+        }
+    };
+    let (mut overlay, mut checkpoint_state) = (Vec::new(), Vec::new());
+    let mut complete = true;
+    for (name, value) in &spec.checkpoint_state {
+        match one_overlay(cell, mc, &what, name, value, logic, locate) {
+            Ok((o, path, v)) => {
+                overlay.push(o);
+                checkpoint_state.push((path, v));
+            }
+            Err(problem) => {
+                problems.push(*problem);
+                complete = false;
+            }
+        }
+    }
+    Some(Interval {
+        rows: rows.filter(|_| complete)?,
+        overlay,
+        checkpoint_state,
+    })
+}
+
+fn rows(
+    cell: &Cell,
+    mc: &McSpec,
+    spec: &IntervalSpec,
+    what: &str,
+    logic: &Logic,
+    locate: Locate<'_>,
+) -> Result<Vec<Vec<Mask>>, Vec<Diagnostic>> {
+    let text = spec.condition.get_ref();
+    let checked = check_expression(&logic.typed, Some(mc.program.get_ref()), "", text);
+    let expr = checked.map_err(|found| {
+        found
+            .into_iter()
+            .map(|d| {
+                let at = place_in(
+                    &cell.text,
+                    &spec.condition,
+                    char_offset(text, d.line, d.column),
+                    d.len as usize,
+                );
+                Diagnostic {
+                    expected: d.expected,
+                    hint: d.hint,
+                    ..cell
+                        .text
+                        .error("M507", at, format!("{what}: {}", d.message))
+                }
+            })
+            .collect::<Vec<_>>()
+    })?;
+    masks(&logic.typed, &expr, locate).map_err(|e| {
+        let len = (e.span.end - e.span.start) as usize;
+        let at = place_in(&cell.text, &spec.condition, e.span.start as usize, len);
+        vec![
+            cell.text
+                .error("M507", at, format!("{what}: {}", e.message))
+                .hint(e.hint),
+        ]
+    })
+}
+
+/// Byte offset of a line and column, both from 1.
+fn char_offset(text: &str, line: u32, column: u32) -> usize {
+    let start: usize = text
+        .split_inclusive('\n')
+        .take((line as usize).saturating_sub(1))
+        .map(str::len)
+        .sum();
+    text[start..]
+        .char_indices()
+        .nth((column as usize).saturating_sub(1))
+        .map_or(text.len(), |(i, _)| start + i)
+}
+
+/// A part of a string value in the file; the whole string if it does not stand there letter by letter.
+fn place_in(file: &TomlText, value: &Spanned<String>, at: usize, len: usize) -> Range<usize> {
+    let span = value.span();
+    let written = file.text.get(span.clone()).unwrap_or("");
+    match written.find(value.get_ref().as_str()) {
+        Some(quote) if at < value.get_ref().len() => {
+            let start = span.start + quote + at;
+            start..(start + len.max(1)).min(span.end)
+        }
+        _ => span,
+    }
+}
+
+fn one_overlay(
+    cell: &Cell,
+    mc: &McSpec,
+    what: &str,
+    name: &Spanned<String>,
+    given: &Spanned<toml::Value>,
+    logic: &Logic,
+    locate: Locate<'_>,
+) -> Result<(Overlay, String, Value), Box<Diagnostic>> {
+    let typed = &logic.typed;
+    let error = |at: Range<usize>, message: String| Box::new(cell.text.error("M509", at, message));
+    let checked = check_expression(typed, Some(mc.program.get_ref()), "", name.get_ref());
+    let expr = checked.map_err(|found| {
+        let why = found.first().map_or(String::new(), |d| d.message.clone());
+        let hint = found.first().and_then(|d| d.hint.clone());
+        let mut problem = error(name.span(), format!("{what}: checkpoint state: {why}"));
+        problem.hint = hint;
+        problem
+    })?;
+    let not_state = || {
+        Box::new(
+            error(
+                name.span(),
+                format!("{what}: checkpoint state: `{}` is not part of the state", name.get_ref()),
+            )
+            .expected("a variable of the MC's program, of one of its function block instances, or a global one"),
+        )
+    };
+    let ExprKind::Load(place) = &expr.kind else {
+        return Err(not_state());
+    };
+    let path = typed.path_of(place).ok_or_else(not_state)?;
+    let global = match &place.root {
+        Root::Var(id) if typed.var(*id).location.is_none() => {
+            let var = typed.var(*id);
+            var.owner
+                .is_none()
+                .then(|| (var.name.clone(), typed.type_name(var.ty)))
+        }
+        _ => return Err(not_state()),
+    };
+    let value = value_of(typed, mc.program.get_ref(), place.ty, given.get_ref()).map_err(|e| {
+        Box::new(
+            error(
+                given.span(),
+                format!(
+                    "{what}: checkpoint state of `{}`: {}",
+                    name.get_ref(),
+                    e.message
+                ),
+            )
+            .expected(e.expected),
+        )
+    })?;
+    locate(&path).ok_or_else(not_state)?;
+    let overlay = Overlay {
+        path: path.clone(),
+        global,
+        value: st_text(typed, place.ty, value),
+    };
+    Ok((overlay, path, value))
+}
+
+/// Two intervals that hold for one state must not ask for different recoveries.
+fn overlaps(cell: &Cell, mc: &McSpec, found: &[Option<Interval>], problems: &mut Vec<Diagnostic>) {
+    for (i, a) in found.iter().enumerate() {
+        for (j, b) in found.iter().enumerate().skip(i + 1) {
+            let (Some(a), Some(b)) = (a, b) else { continue };
+            let (first, second) = (&mc.intervals[i], &mc.intervals[j]);
+            if same_recovery(first, a, second, b) {
+                continue;
+            }
+            let (one, two) = (first.name.get_ref(), second.name.get_ref());
+            match overlap(&a.rows, &b.rows) {
+                Satisfiable::No => {}
+                Satisfiable::Yes => problems.push(
+                    cell.text
+                        .error(
+                            "M510",
+                            second.condition.span(),
+                            format!(
+                                "MC {}: the critical intervals {one} and {two} overlap, and their recoveries differ",
+                                mc.mc
+                            ),
+                        )
+                        .expected("conditions that exclude each other, or the same recovery for both")
+                        .hint(format!("add to the condition of {two} what excludes {one}, such as `AND NOT (...)`")),
+                ),
+                Satisfiable::Unknown => problems.push(
+                    cell.text
+                        .warning(
+                            "W805",
+                            second.condition.span(),
+                            format!(
+                                "MC {}: it cannot be decided whether the critical intervals {one} and {two} overlap",
+                                mc.mc
+                            ),
+                        )
+                        .hint(format!("where both hold, the recovery of {one} is taken")),
+                ),
+            }
+        }
+    }
+}
+
+fn same_recovery(first: &IntervalSpec, a: &Interval, second: &IntervalSpec, b: &Interval) -> bool {
+    let values = |i: &Interval| {
+        i.overlay
+            .iter()
+            .map(|o| (o.path.clone(), o.value.clone()))
+            .collect::<Vec<_>>()
+    };
+    first.kind == second.kind
+        && first.repeatable == second.repeatable
+        && first
+            .recovery
+            .get_ref()
+            .eq_ignore_ascii_case(second.recovery.get_ref())
+        && (first.kind == IntervalKind::Unrecoverable || values(a) == values(b))
+}
+
+fn overlap(a: &[Vec<Mask>], b: &[Vec<Mask>]) -> Satisfiable {
+    let mut result = Satisfiable::No;
+    for row in a {
+        for other in b {
+            let both: Vec<Mask> = row.iter().chain(other).copied().collect();
+            match satisfiable(&both) {
+                Satisfiable::Yes => return Satisfiable::Yes,
+                Satisfiable::Unknown => result = Satisfiable::Unknown,
+                Satisfiable::No => {}
+            }
+        }
+    }
+    result
+}

@@ -1,0 +1,498 @@
+//! The process image of an MC: its located variables against the inputs and outputs that the model lists.
+
+use crate::logic::Logic;
+use crate::model::{Cell, InputFrom, McSpec, points};
+use crate::problem::{Explain, nearest};
+use crate::values::value_of;
+use fam_proto::McId;
+use fam_proto::model::{FieldPoint, InputPoint, InputSource, ModbusTable, OutputPoint, Place};
+use fam_soft_plc::check::tree::{Location, Root, TypedProject, Var, visit_places};
+use fam_soft_plc::diag::Diagnostic;
+use fam_soft_plc::types::{Elem, TypeId};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use toml::Spanned;
+
+/// A located variable.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Located {
+    /// Name.
+    pub name: String,
+    /// Whether it is an output.
+    pub output: bool,
+    /// Its place in the image.
+    pub place: Place,
+    /// Type.
+    pub ty: TypeId,
+    /// Elementary type.
+    pub elem: Elem,
+    /// The address as written.
+    pub address: String,
+}
+
+/// The process image, as far as it is known without the other MCs.
+#[derive(Debug, Clone, Default)]
+pub struct Image {
+    /// All located variables.
+    pub located: Vec<Located>,
+    /// Inputs whose source is a field point, and those from other MCs still without their place.
+    pub inputs: Vec<(Located, InputFrom, Range<usize>)>,
+    /// Outputs.
+    pub outputs: Vec<(Located, Option<Spanned<FieldPoint>>, Vec<u8>)>,
+}
+
+fn located(typed: &TypedProject, var: &Var, location: Location) -> Option<Located> {
+    let elem = typed.types.elem(var.ty)?;
+    let place = match location.bit {
+        Some(bit) => Place::Bit {
+            byte: location.byte,
+            bit,
+        },
+        None => Place::Bytes {
+            byte: location.byte,
+            #[allow(clippy::cast_possible_truncation)] // 1 to 8
+            width: elem.image_bytes() as u8,
+        },
+    };
+    Some(Located {
+        name: var.name.clone(),
+        output: location.output,
+        place,
+        ty: var.ty,
+        elem,
+        address: location.to_string(),
+    })
+}
+
+/// First bit and the one behind the last.
+fn bits(place: Place) -> (u64, u64) {
+    match place {
+        Place::Bit { byte, bit } => {
+            let at = u64::from(byte) * 8 + u64::from(bit);
+            (at, at + 1)
+        }
+        Place::Bytes { byte, width } => {
+            let at = u64::from(byte) * 8;
+            (at, at + u64::from(width) * 8)
+        }
+    }
+}
+
+/// Holds the located variables against the model.
+pub fn image(cell: &Cell, mc: &McSpec, logic: &Logic, problems: &mut Vec<Diagnostic>) -> Image {
+    let typed = &logic.typed;
+    let mut image = Image::default();
+    for var in &typed.vars {
+        let Some(location) = var.location else {
+            continue;
+        };
+        match located(typed, var, location) {
+            Some(found) => image.located.push(found),
+            None => {
+                let message = format!(
+                    "MC {}: the located variable `{}` is {}",
+                    mc.mc,
+                    var.name,
+                    typed.type_name(var.ty)
+                );
+                problems.push(
+                    cell.text
+                        .error("M310", mc.at.clone(), message)
+                        .expected("a located variable of an elementary type"),
+                );
+            }
+        }
+    }
+    direct(cell, mc, typed, &image.located, problems);
+    overlaps(cell, mc, &image.located, problems);
+    unlisted(cell, mc, &image.located, problems);
+    inputs(cell, mc, &mut image, problems);
+    outputs(cell, mc, logic, &mut image, problems);
+    image
+}
+
+/// An address used without a declaration (`%QX0.7 := TRUE`) would reach nothing, as the model knows variables only.
+fn direct(
+    cell: &Cell,
+    mc: &McSpec,
+    typed: &TypedProject,
+    located: &[Located],
+    problems: &mut Vec<Diagnostic>,
+) {
+    let mut found: BTreeMap<Location, String> = BTreeMap::new();
+    for pou in typed.pous.iter().filter(|p| !p.library) {
+        visit_places(&pou.body, &mut |place| {
+            if let Root::Direct(location) = place.root {
+                found.entry(location).or_insert_with(|| pou.name.clone());
+            }
+        });
+    }
+    for (location, pou) in found {
+        let address = location.to_string();
+        if located
+            .iter()
+            .any(|l| l.address.eq_ignore_ascii_case(&address))
+        {
+            continue;
+        }
+        let message = format!(
+            "MC {}: {pou} uses {address}, which no located variable declares",
+            mc.mc
+        );
+        problems.push(
+            cell.text
+                .error("M318", mc.at.clone(), message)
+                .hint(format!(
+                    "declare it in VAR_GLOBAL: `name AT {address} : ...;`, and list it in the model"
+                )),
+        );
+    }
+}
+
+fn overlaps(cell: &Cell, mc: &McSpec, located: &[Located], problems: &mut Vec<Diagnostic>) {
+    let mut sorted: Vec<&Located> = located.iter().collect();
+    sorted.sort_by_key(|l| (l.output, bits(l.place)));
+    for (index, a) in sorted.iter().enumerate() {
+        for b in &sorted[index + 1..] {
+            if b.output != a.output || bits(b.place).0 >= bits(a.place).1 {
+                break;
+            }
+            let message = format!(
+                "MC {}: `{}` (at {}) and `{}` (at {}) lie over each other",
+                mc.mc, a.name, a.address, b.name, b.address
+            );
+            problems.push(
+                cell.text
+                    .error("M311", mc.at.clone(), message)
+                    .expected("addresses that do not overlap: %IW and %QW count in 2 bytes, %ID in 4, %IL in 8")
+                    .hint("give one of them another address in the logic"),
+            );
+        }
+    }
+}
+
+fn unlisted(cell: &Cell, mc: &McSpec, located: &[Located], problems: &mut Vec<Diagnostic>) {
+    for l in located {
+        let listed = if l.output {
+            mc.outputs
+                .iter()
+                .any(|o| o.name.get_ref().eq_ignore_ascii_case(&l.name))
+        } else {
+            mc.inputs
+                .iter()
+                .any(|i| i.name.get_ref().eq_ignore_ascii_case(&l.name))
+        };
+        if listed {
+            continue;
+        }
+        let (kind, table, example) = if l.output {
+            (
+                "output",
+                "mc.outputs",
+                format!("{} = {{ field = \"...\", fail_safe = ... }}", l.name),
+            )
+        } else {
+            ("input", "mc.inputs", format!("{} = \"...\"", l.name))
+        };
+        let message = format!(
+            "MC {}: the {kind} `{}` (at {}) of its logic is not listed",
+            mc.mc, l.name, l.address
+        );
+        problems.push(
+            cell.text
+                .error("M312", mc.at.clone(), message)
+                .hint(format!("add `{example}` to [{table}]")),
+        );
+    }
+}
+
+/// The located variable of a name; else says what is wrong with the name.
+fn find<'a>(
+    cell: &Cell,
+    mc: &McSpec,
+    located: &'a [Located],
+    name: &Spanned<String>,
+    output: bool,
+    problems: &mut Vec<Diagnostic>,
+) -> Option<&'a Located> {
+    let text = name.get_ref();
+    let (kind, area) = if output {
+        ("output", "%Q")
+    } else {
+        ("input", "%I")
+    };
+    let message = match located.iter().find(|l| l.name.eq_ignore_ascii_case(text)) {
+        Some(l) if l.output == output => return Some(l),
+        Some(l) => format!("`{text}` is at {}, so that it is no {kind}", l.address),
+        None => format!("its logic has no {kind} `{text}`"),
+    };
+    let known = located
+        .iter()
+        .filter(|l| l.output == output)
+        .map(|l| l.name.as_str());
+    let hint = match nearest(text, known) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!("declare it in VAR_GLOBAL: `{text} AT {area}X0.0 : BOOL;`"),
+    };
+    problems.push(
+        cell.text
+            .error("M313", name.span(), format!("MC {}: {message}", mc.mc))
+            .hint(hint),
+    );
+    None
+}
+
+/// A bit belongs to a bit table, a number to registers.
+fn fits_point(point: &FieldPoint, l: &Located) -> Result<(), String> {
+    let FieldPoint::Modbus { table, address, .. } = point else {
+        return Ok(());
+    };
+    let is_bit_table = matches!(table, ModbusTable::DiscreteInput | ModbusTable::Coil);
+    let text = points::point_text(point);
+    match (is_bit_table, l.place) {
+        (true, Place::Bytes { .. }) => Err(format!(
+            "`{text}` is one bit, but `{}` is {}",
+            l.name, l.elem
+        )),
+        (false, Place::Bit { .. }) => Err(format!(
+            "`{text}` is a register, but `{}` is one bit",
+            l.name
+        )),
+        (false, place) if u32::from(*address) + registers(place) > 0x1_0000 => {
+            Err(format!("`{}` does not fit behind `{text}`", l.name))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn registers(place: Place) -> u32 {
+    match place {
+        Place::Bit { .. } => 1,
+        Place::Bytes { width, .. } => u32::from(width).div_ceil(2),
+    }
+}
+
+fn inputs(cell: &Cell, mc: &McSpec, image: &mut Image, problems: &mut Vec<Diagnostic>) {
+    for input in &mc.inputs {
+        let Some(l) = find(cell, mc, &image.located, &input.name, false, problems) else {
+            continue;
+        };
+        let Some(from) = &input.from else {
+            continue;
+        };
+        if let InputFrom::Field(point) = from
+            && let Err(why) = fits_point(point, l)
+        {
+            let message = format!("input {} of MC {}: {why}", input.name.get_ref(), mc.mc);
+            problems.push(cell.text.error("M314", input.at.clone(), message).hint(
+                "BOOL variables take points of discrete or coil, others of input or holding",
+            ));
+        }
+        image
+            .inputs
+            .push((l.clone(), from.clone(), input.at.clone()));
+    }
+}
+
+fn outputs(
+    cell: &Cell,
+    mc: &McSpec,
+    logic: &Logic,
+    image: &mut Image,
+    problems: &mut Vec<Diagnostic>,
+) {
+    for output in &mc.outputs {
+        let Some(l) = find(cell, mc, &image.located, &output.name, true, problems) else {
+            continue;
+        };
+        if let Some(point) = &output.field
+            && let Err(why) = fits_point(point.get_ref(), l)
+        {
+            let message = format!("output {} of MC {}: {why}", output.name.get_ref(), mc.mc);
+            problems.push(
+                cell.text
+                    .error("M314", point.span(), message)
+                    .hint("BOOL variables take points of coil, others of holding"),
+            );
+        }
+        let mut bytes = vec![0; l.elem.image_bytes() as usize];
+        if let Some(given) = &output.fail_safe {
+            match value_of(&logic.typed, mc.program.get_ref(), l.ty, given.get_ref()) {
+                Ok(value) => value.store(&mut bytes),
+                Err(e) => {
+                    let message = format!(
+                        "fail-safe value of output {} of MC {}: {}",
+                        output.name.get_ref(),
+                        mc.mc,
+                        e.message
+                    );
+                    problems.push(
+                        cell.text
+                            .error("M315", given.span(), message)
+                            .expected(e.expected),
+                    );
+                }
+            }
+        }
+        image.outputs.push((l.clone(), output.field.clone(), bytes));
+    }
+}
+
+/// Puts a value, given by its bytes, into an image.
+pub fn put(image: &mut [u8], place: Place, bytes: &[u8]) {
+    match place {
+        Place::Bit { byte, bit } => {
+            if let Some(target) = image.get_mut(byte as usize) {
+                *target &= !(1 << bit);
+                if bytes.first().is_some_and(|b| b & 1 == 1) {
+                    *target |= 1 << bit;
+                }
+            }
+        }
+        Place::Bytes { byte, width } => {
+            let from = byte as usize;
+            if let (Some(target), Some(bytes)) = (
+                image.get_mut(from..from + usize::from(width)),
+                bytes.get(..usize::from(width)),
+            ) {
+                target.copy_from_slice(bytes);
+            }
+        }
+    }
+}
+
+/// Input and output points of the model: sources from other MCs get their places.
+pub fn connect(
+    cell: &Cell,
+    index: usize,
+    images: &[Option<Image>],
+    problems: &mut Vec<Diagnostic>,
+) -> (Vec<InputPoint>, Vec<OutputPoint>) {
+    let mc = &cell.mcs[index];
+    let Some(image) = &images[index] else {
+        return (Vec::new(), Vec::new());
+    };
+    let mut inputs = Vec::new();
+    for (l, from, at) in &image.inputs {
+        let source = match from {
+            InputFrom::Field(point) => Some(InputSource::Field(point.clone())),
+            InputFrom::Export { mc: from, variable } => {
+                export(cell, mc, l, from, variable, at, images, problems)
+            }
+        };
+        if let Some(source) = source {
+            inputs.push(InputPoint {
+                name: l.name.clone(),
+                place: l.place,
+                source,
+            });
+        }
+    }
+    inputs.sort_by_key(|p| bits(p.place));
+    let mut outputs: Vec<OutputPoint> = image
+        .outputs
+        .iter()
+        .map(|(l, field, _)| OutputPoint {
+            name: l.name.clone(),
+            place: l.place,
+            field: field.as_ref().map(|f| f.get_ref().clone()),
+        })
+        .collect();
+    outputs.sort_by_key(|p| bits(p.place));
+    (inputs, outputs)
+}
+
+#[allow(clippy::too_many_arguments)]
+fn export(
+    cell: &Cell,
+    mc: &McSpec,
+    l: &Located,
+    from: &McId,
+    variable: &str,
+    at: &Range<usize>,
+    images: &[Option<Image>],
+    problems: &mut Vec<Diagnostic>,
+) -> Option<InputSource> {
+    let exporter = cell.mcs.iter().position(|m| &m.mc == from)?;
+    let image = images[exporter].as_ref()?;
+    let (source, ..) = image
+        .outputs
+        .iter()
+        .find(|(o, ..)| o.name.eq_ignore_ascii_case(variable))?;
+    if source.elem != l.elem {
+        let message = format!(
+            "input {} of MC {} is {}, but `{variable}` of MC {from} is {}",
+            l.name, mc.mc, l.elem, source.elem
+        );
+        problems.push(
+            cell.text
+                .error("M316", at.clone(), message)
+                .hint("give both the same type"),
+        );
+    }
+    Some(InputSource::Export {
+        mc: from.clone(),
+        place: source.place,
+    })
+}
+
+/// Each field point has one writer: reports two, with both named.
+pub fn two_writers(cell: &Cell, images: &[Option<Image>], problems: &mut Vec<Diagnostic>) {
+    // One entry for each bit or register that is written.
+    let mut writers: BTreeMap<(&str, FieldPoint), String> = BTreeMap::new();
+    for (mc, image) in cell.mcs.iter().zip(images) {
+        let Some(gateway) = &mc.gateway else { continue };
+        for output in &mc.outputs {
+            let Some(field) = &output.field else { continue };
+            let place = image.as_ref().and_then(|i| {
+                let found = i
+                    .outputs
+                    .iter()
+                    .find(|(l, ..)| l.name.eq_ignore_ascii_case(output.name.get_ref()));
+                found.map(|(l, ..)| l.place)
+            });
+            let own = format!("output {} of MC {}", output.name.get_ref(), mc.mc);
+            let mut first: Option<String> = None;
+            for point in written(field.get_ref(), place) {
+                let other = writers
+                    .entry((gateway.as_str(), point))
+                    .or_insert_with(|| own.clone());
+                if *other != own {
+                    first.get_or_insert_with(|| other.clone());
+                }
+            }
+            if let Some(other) = first {
+                let message = format!(
+                    "`{}` has two writers: {other} and {own}",
+                    points::point_text(field.get_ref())
+                );
+                problems.push(
+                    cell.text
+                        .error("M317", field.span(), message)
+                        .expected("one writer for each output of the field")
+                        .hint("let one MC write it, and export to it what the other one wants"),
+                );
+            }
+        }
+    }
+}
+
+/// All points that a write to `point` reaches.
+fn written(point: &FieldPoint, place: Option<Place>) -> Vec<FieldPoint> {
+    match point {
+        FieldPoint::Modbus {
+            unit,
+            table: ModbusTable::HoldingRegister,
+            address,
+        } => (0..place.map_or(1, registers))
+            .filter_map(|n| {
+                Some(FieldPoint::Modbus {
+                    unit: *unit,
+                    table: ModbusTable::HoldingRegister,
+                    address: u16::try_from(u32::from(*address) + n).ok()?,
+                })
+            })
+            .collect(),
+        other => vec![other.clone()],
+    }
+}

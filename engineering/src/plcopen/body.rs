@@ -1,0 +1,148 @@
+//! Cuts the text of a POU's body out of its source, comments included.
+
+use fam_soft_plc::source::Sources;
+use fam_soft_plc::syntax::ast::{Pou, Project};
+
+/// Text between the last END_VAR of the POU (or its head) and its end.
+#[must_use]
+pub fn body_text(project: &Project, pou: &Pou) -> String {
+    let first = pou.body.first().map(|s| s.span);
+    let head = pou.result.as_ref().map_or(pou.name.span, |r| r.span);
+    let sources: &Sources = &project.sources;
+    if let Some(first) = first
+        && first.source != head.source
+    {
+        // A body that stands alone in an element of an XML file is a source of its own.
+        return trimmed(&sources.get(first.source).text).to_owned();
+    }
+    let Some(first) = first else {
+        return String::new();
+    };
+    let text = &sources.get(head.source).text;
+    let (mut start, mut end) = (head.end as usize, text.len());
+    for (at, word) in words(text, start) {
+        let upper = word.to_ascii_uppercase();
+        if upper == "END_VAR" && at < first.start as usize {
+            start = at + word.len();
+        }
+        if at >= first.start as usize
+            && matches!(
+                upper.as_str(),
+                "END_PROGRAM" | "END_FUNCTION" | "END_FUNCTION_BLOCK"
+            )
+        {
+            end = at;
+            break;
+        }
+    }
+    trimmed(text.get(start..end).unwrap_or("")).to_owned()
+}
+
+/// Without empty lines before and after, the first line's indentation kept.
+fn trimmed(text: &str) -> &str {
+    let text = text.trim_end();
+    let skipped = text.len() - text.trim_start().len();
+    match text[..skipped].rfind('\n') {
+        Some(newline) => &text[newline + 1..],
+        None => text.trim_start(),
+    }
+}
+
+/// Words of a text from a byte on, outside comments, pragmas and strings: `(offset, word)`.
+pub fn words(text: &str, from: usize) -> impl Iterator<Item = (usize, &str)> {
+    let bytes = text.as_bytes();
+    let mut at = from;
+    std::iter::from_fn(move || {
+        while at < bytes.len() {
+            let rest = &bytes[at..];
+            let skip_to = |end: &[u8], from: usize| {
+                rest[from..]
+                    .windows(end.len())
+                    .position(|w| w == end)
+                    .map_or(rest.len(), |p| from + p + end.len())
+            };
+            match rest {
+                [b'(', b'*', ..] => at += nested_comment(rest, b'(', b')'),
+                [b'/', b'*', ..] => at += nested_comment(rest, b'/', b'/'),
+                [b'/', b'/', ..] => at += skip_to(b"\n", 2),
+                [b'{', ..] => at += skip_to(b"}", 1),
+                [quote @ (b'\'' | b'"'), ..] => at += string_len(rest, *quote),
+                [c, ..] if c.is_ascii_alphabetic() || *c == b'_' => {
+                    let len = rest
+                        .iter()
+                        .position(|c| !c.is_ascii_alphanumeric() && *c != b'_')
+                        .unwrap_or(rest.len());
+                    let found = (at, &text[at..at + len]);
+                    at += len;
+                    return Some(found);
+                }
+                [c, ..] if c.is_ascii_digit() => {
+                    // A number with its base and exponent is no word.
+                    at += rest
+                        .iter()
+                        .position(|c| !c.is_ascii_alphanumeric() && *c != b'_' && *c != b'#')
+                        .unwrap_or(rest.len());
+                }
+                _ => at += 1,
+            }
+        }
+        None
+    })
+}
+
+fn nested_comment(rest: &[u8], open: u8, close: u8) -> usize {
+    let (mut depth, mut at) = (0usize, 0);
+    while at + 1 < rest.len() {
+        if rest[at] == open && rest[at + 1] == b'*' {
+            depth += 1;
+            at += 2;
+        } else if rest[at] == b'*' && rest[at + 1] == close {
+            depth -= 1;
+            at += 2;
+            if depth == 0 {
+                return at;
+            }
+        } else {
+            at += 1;
+        }
+    }
+    rest.len()
+}
+
+fn string_len(rest: &[u8], quote: u8) -> usize {
+    let mut at = 1;
+    while at < rest.len() {
+        match rest[at] {
+            b'$' => at += 2,
+            c if c == quote => return at + 1,
+            _ => at += 1,
+        }
+    }
+    rest.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fam_soft_plc::project::parse_project;
+    use fam_soft_plc::source::SourceFile;
+
+    #[test]
+    fn words_leave_out_comments_strings_and_numbers() {
+        let text = "a (* b (* c *) d *) e // f\n'g$'h' {i} 16#AB 1e5 j_1 /* k */ T#5s \"l\" m";
+        let found: Vec<&str> = words(text, 0).map(|(_, w)| w).collect();
+        assert_eq!(found, ["a", "e", "j_1", "T", "m"]);
+    }
+
+    #[test]
+    fn a_body_keeps_its_comments() {
+        let text = "PROGRAM P\nVAR x : INT; (* END_VAR *) END_VAR\nVAR y : INT; END_VAR\n  (* first *)\n  x := 1;\n  y := 2; // last END_PROGRAM\nEND_PROGRAM\nFUNCTION F : INT\nF := 3;\nEND_FUNCTION\n";
+        let (project, problems) = parse_project(&[SourceFile::new("a.st", text)]);
+        assert!(problems.is_empty());
+        assert_eq!(
+            body_text(&project, &project.pous[0]),
+            "  (* first *)\n  x := 1;\n  y := 2; // last END_PROGRAM"
+        );
+        assert_eq!(body_text(&project, &project.pous[1]), "F := 3;");
+    }
+}

@@ -1,0 +1,256 @@
+//! Flexible Automation Projects: PLCopen TC6 XML, version 2.01, one project for each controller.
+//!
+//! Each MC is a RESOURCE of its own in the controller's CONFIGURATION: with its global variables (its process image and
+//! its plain globals), its task, and its programs. So names and addresses of different MCs do not meet, as in FAM itself.
+//! Types and POUs of all MCs share one list; where two MCs mean different things by one name, the later one's is
+//! written as `<MC>_<name>`. Which items belong to an MC, and in what order, stands in the resource's `addData`.
+
+mod body;
+pub mod diagnosis_file;
+pub mod read;
+mod unit;
+pub mod xml;
+
+use crate::build::{BuiltCell, BuiltMc};
+use crate::generate::Names;
+use crate::problem::{Problems, file_error};
+use fam_proto::ControllerId;
+use fam_soft_plc::project::parse_project;
+use fam_soft_plc::source::SourceFile;
+use fam_soft_plc::syntax::ast::Project;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use unit::{Item, Renames};
+use xml::Xml;
+
+/// Namespace of version 2.01.
+pub const NAMESPACE: &str = "http://www.plcopen.org/xml/tc6_0201";
+/// Name of the additional data that lists an MC's items.
+pub const MC_DATA: &str = "urn:fam:mc:1";
+
+/// Writes, into a folder that is made if needed: `<controller>.xml` for each controller, `<MC>.diagnosis.xml` for each MC.
+/// The same cell gives the same bytes. Returns the files.
+///
+/// # Errors
+/// [`Problems`] if a file cannot be written.
+pub fn write_projects(built: &BuiltCell, dir: &Path) -> Result<Vec<PathBuf>, Problems> {
+    let write = |name: String, text: String| {
+        let path = dir.join(name);
+        match std::fs::write(&path, text) {
+            Ok(()) => Ok(path),
+            Err(e) => Err(Problems::one(file_error(
+                "M601",
+                &path,
+                format!("cannot be written: {e}"),
+            ))),
+        }
+    };
+    std::fs::create_dir_all(dir)
+        .map_err(|e| Problems::one(file_error("M601", dir, format!("cannot be made: {e}"))))?;
+    let mut files = Vec::new();
+    for controller in &built.model.controllers {
+        let text = project_xml(built, &controller.controller);
+        files.push(write(format!("{}.xml", controller.controller), text)?);
+    }
+    for mc in &built.mcs {
+        files.push(write(
+            format!("{}.diagnosis.xml", mc.mc),
+            diagnosis_file::write(mc),
+        )?);
+    }
+    Ok(files)
+}
+
+struct Unit<'a> {
+    mc: &'a BuiltMc,
+    project: Project,
+    renames: Renames,
+    items: Vec<Item>,
+}
+
+/// The Flexible Automation Project of a controller: all MCs that it hosts.
+#[must_use]
+pub fn project_xml(built: &BuiltCell, controller: &ControllerId) -> String {
+    let hosted = built.mcs.iter().filter(|mc| {
+        built
+            .model
+            .mc(&mc.mc)
+            .is_some_and(|m| m.hosts.contains(controller))
+    });
+    let mut shared: BTreeMap<(bool, String), Item> = BTreeMap::new();
+    let mut units: Vec<Unit<'_>> = Vec::new();
+    for mc in hosted {
+        units.push(unit(mc, &mut shared));
+    }
+    let mut xml = Xml::new();
+    xml.open(
+        "project",
+        &[
+            ("xmlns", NAMESPACE),
+            ("xmlns:xhtml", "http://www.w3.org/1999/xhtml"),
+        ],
+    );
+    xml.empty(
+        "fileHeader",
+        &[
+            ("companyName", "FAM"),
+            ("productName", "fam"),
+            ("productVersion", env!("CARGO_PKG_VERSION")),
+            // The schema asks for a time; the same cell has to give the same bytes.
+            ("creationDateTime", "2020-01-01T00:00:00"),
+            ("contentDescription", "Flexible Automation Project"),
+        ],
+    );
+    xml.open("contentHeader", &[("name", controller.as_str())]);
+    xml.open("coordinateInfo", &[]);
+    for language in ["fbd", "ld", "sfc"] {
+        xml.open(language, &[]);
+        xml.empty("scaling", &[("x", "1"), ("y", "1")]);
+        xml.close();
+    }
+    xml.close();
+    xml.close();
+    types(&mut xml, &units);
+    xml.open("instances", &[]);
+    xml.open("configurations", &[]);
+    xml.open(
+        "configuration",
+        &[("name", &identifier(controller.as_str()))],
+    );
+    for unit in &units {
+        resource(&mut xml, unit);
+    }
+    xml.close();
+    xml.close();
+    xml.close();
+    xml.close();
+    xml.finish()
+}
+
+/// Settles an MC's names: an item that another MC has with the same content is shared, one with other content is renamed.
+fn unit<'a>(mc: &'a BuiltMc, shared: &mut BTreeMap<(bool, String), Item>) -> Unit<'a> {
+    let (project, _) = parse_project(&mc.sources);
+    let mut renames = Renames::new();
+    loop {
+        let items = unit::items(&project, &renames);
+        let clash = items.iter().find(|item| {
+            let upper = item.name.to_ascii_uppercase();
+            [true, false].into_iter().any(|is_type| {
+                shared
+                    .get(&(is_type, upper.clone()))
+                    .is_some_and(|other| other.xml != item.xml || other.is_type != item.is_type)
+            })
+        });
+        let Some(clash) = clash else {
+            for item in &items {
+                shared
+                    .entry((item.is_type, item.name.to_ascii_uppercase()))
+                    .or_insert_with(|| item.clone());
+            }
+            return Unit {
+                mc,
+                project,
+                renames,
+                items,
+            };
+        };
+        let taken = |name: &str| {
+            let upper = name.to_ascii_uppercase();
+            shared.keys().any(|(_, n)| *n == upper)
+                || items.iter().any(|i| i.original.eq_ignore_ascii_case(name))
+                || renames.values().any(|n| n.eq_ignore_ascii_case(name))
+        };
+        let mut name = format!("{}_{}", mc.mc, clash.original);
+        while taken(&name) {
+            name.push_str("_2");
+        }
+        renames.insert(clash.original.to_ascii_uppercase(), name);
+    }
+}
+
+fn types(xml: &mut Xml, units: &[Unit<'_>]) {
+    xml.open("types", &[]);
+    for (element, is_type) in [("dataTypes", true), ("pous", false)] {
+        xml.open(element, &[]);
+        let mut written: Vec<&str> = Vec::new();
+        for item in units.iter().flat_map(|u| &u.items) {
+            if item.is_type == is_type && !written.contains(&item.name.as_str()) {
+                xml.raw(&item.xml);
+                written.push(&item.name);
+            }
+        }
+        xml.close();
+    }
+    xml.close();
+}
+
+fn resource(xml: &mut Xml, unit: &Unit<'_>) {
+    let mc = unit.mc;
+    let names = Names::of(mc.mc.as_str());
+    let renamed = |name: &str| {
+        unit.renames
+            .get(&name.to_ascii_uppercase())
+            .cloned()
+            .unwrap_or_else(|| name.to_owned())
+    };
+    let control = renamed(&names.control);
+    xml.open("resource", &[("name", mc.mc.as_str())]);
+    xml.open(
+        "task",
+        &[
+            ("name", &format!("{}_Task", mc.mc)),
+            (
+                "interval",
+                &fam_soft_plc::value::format_time(i64::from(mc.cycle_us) * 1000),
+            ),
+            ("priority", "1"),
+        ],
+    );
+    xml.empty("pouInstance", &[("name", &control), ("typeName", &control)]);
+    xml.close();
+    unit::globals(xml, &unit.project, &unit.renames);
+    for pou in &unit.project.pous {
+        let name = renamed(&pou.name.name);
+        if pou.kind == fam_soft_plc::syntax::ast::PouKind::Program && name != control {
+            xml.empty("pouInstance", &[("name", &name), ("typeName", &name)]);
+        }
+    }
+    xml.open("addData", &[]);
+    xml.open("data", &[("name", MC_DATA), ("handleUnknown", "preserve")]);
+    xml.open(
+        "mc",
+        &[
+            ("xmlns", MC_DATA),
+            ("name", mc.mc.as_str()),
+            ("control", &control),
+        ],
+    );
+    for item in &unit.items {
+        let element = if item.is_type { "type" } else { "pou" };
+        if item.name == item.original {
+            xml.empty(element, &[("name", &item.name)]);
+        } else {
+            xml.empty(
+                element,
+                &[("name", &item.name), ("original", &item.original)],
+            );
+        }
+    }
+    xml.close();
+    xml.close();
+    xml.close();
+    xml.close();
+}
+
+/// A name of FAM as an IEC identifier.
+fn identifier(name: &str) -> String {
+    name.replace('-', "_")
+}
+
+/// The part of a written project that belongs to one MC, as a source that the compiler takes.
+///
+/// # Errors
+/// [`read::ReadError`] if the text is no Flexible Automation Project, or has no such MC.
+pub fn mc_source(project: &str, mc: &str) -> Result<SourceFile, read::ReadError> {
+    read::mc_source(project, mc)
+}

@@ -1,0 +1,97 @@
+//! Takes one MC out of a Flexible Automation Project: its resource, types and POUs, in the order in which they were written.
+
+use super::MC_DATA;
+use fam_soft_plc::source::SourceFile;
+use roxmltree::{Document, Node};
+
+/// Why an MC could not be read from a project.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// Not XML.
+    #[error("the project is no XML: {0}")]
+    Xml(#[from] roxmltree::Error),
+    /// The MC has no resource with its list of items.
+    #[error(
+        "the project has no mechatronic component `{0}`; `fam generate` writes it for the controllers that host it"
+    )]
+    NoMc(String),
+    /// An item of the list is missing.
+    #[error(
+        "the project lists the {kind} `{name}` for {mc}, but does not contain it; generate the project again"
+    )]
+    Missing {
+        /// `type` or `pou`.
+        kind: &'static str,
+        /// The item.
+        name: String,
+        /// The MC.
+        mc: String,
+    },
+}
+
+/// The MC's part as a project of its own.
+///
+/// # Errors
+/// [`ReadError`].
+pub fn mc_source(project: &str, mc: &str) -> Result<SourceFile, ReadError> {
+    let document = Document::parse(project)?;
+    let root = document.root_element();
+    let named = |element: &'static str, name: &str| {
+        let name = name.to_owned();
+        root.descendants().find(move |n| {
+            n.has_tag_name((root_namespace(root), element)) && n.attribute("name") == Some(&name)
+        })
+    };
+    let no_mc = || ReadError::NoMc(mc.to_owned());
+    let resource = named("resource", mc).ok_or_else(no_mc)?;
+    let list = resource
+        .descendants()
+        .find(|n| n.has_tag_name((MC_DATA, "mc")))
+        .ok_or_else(no_mc)?;
+    let text = |node: Node<'_, '_>| project[node.range()].to_owned();
+    let mut parts = [String::new(), String::new()];
+    for item in list.children().filter(Node::is_element) {
+        let (kind, element, part) = if item.has_tag_name((MC_DATA, "type")) {
+            ("type", "dataType", 0)
+        } else {
+            ("pou", "pou", 1)
+        };
+        let name = item.attribute("name").unwrap_or("");
+        let node = named(element, name).ok_or_else(|| ReadError::Missing {
+            kind,
+            name: name.to_owned(),
+            mc: mc.to_owned(),
+        })?;
+        parts[part].push_str(&text(node));
+        parts[part].push('\n');
+    }
+    let header = |element| {
+        root.children()
+            .find(|n| n.has_tag_name((root_namespace(root), element)))
+            .map(text)
+            .unwrap_or_default()
+    };
+    let configuration = resource
+        .parent()
+        .and_then(|p| p.attribute("name"))
+        .unwrap_or("");
+    let [types, pous] = parts;
+    Ok(SourceFile::new(
+        format!("{mc}.xml"),
+        format!(
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
+             <project xmlns=\"{}\" xmlns:xhtml=\"http://www.w3.org/1999/xhtml\">\n{}\n{}\n\
+             <types>\n<dataTypes>\n{types}</dataTypes>\n<pous>\n{pous}</pous>\n</types>\n\
+             <instances>\n<configurations>\n<configuration name=\"{configuration}\">\n{}\n\
+             </configuration>\n</configurations>\n</instances>\n</project>\n",
+            root_namespace(root),
+            header("fileHeader"),
+            header("contentHeader"),
+            text(resource),
+        ),
+    ))
+}
+
+fn root_namespace<'a>(root: Node<'a, '_>) -> &'a str {
+    root.tag_name().namespace().unwrap_or("")
+}

@@ -1,0 +1,322 @@
+//! The declarations of one MC as PLCopen XML fragments: data types and POUs, in the order of its logic.
+//!
+//! The POUs of all MCs of a controller share one list in its project, but names may repeat between MCs. A unit can be written
+//! with some of its names changed; everything that refers to them changes with it.
+
+use super::body::{body_text, words};
+use super::xml::Xml;
+use fam_soft_plc::syntax::ast::{
+    Expr, Init, Pou, PouKind, Project, TypeDecl, TypeSpec, TypeSpecKind, VarBlock, VarDecl,
+    VarSection,
+};
+use fam_soft_plc::types::Elem;
+use std::collections::BTreeMap;
+
+/// New names of types and POUs, by their old one in upper case.
+pub type Renames = BTreeMap<String, String>;
+
+/// A data type or POU.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Item {
+    /// Name in the project.
+    pub name: String,
+    /// Name in the MC's logic.
+    pub original: String,
+    /// Whether it is a data type.
+    pub is_type: bool,
+    /// Its element, without what is around it.
+    pub xml: String,
+}
+
+/// All types, then all POUs of a project.
+#[must_use]
+pub fn items(project: &Project, renames: &Renames) -> Vec<Item> {
+    let writer = UnitWriter { project, renames };
+    let types = project.types.iter().map(|t| Item {
+        name: writer.name(&t.name.name),
+        original: t.name.name.clone(),
+        is_type: true,
+        xml: writer.data_type(t),
+    });
+    let pous = project.pous.iter().map(|p| Item {
+        name: writer.name(&p.name.name),
+        original: p.name.name.clone(),
+        is_type: false,
+        xml: writer.pou(p),
+    });
+    types.chain(pous).collect()
+}
+
+/// Writes the global variables of a project (VAR_GLOBAL blocks) as `globalVars` elements.
+pub fn globals(xml: &mut Xml, project: &Project, renames: &Renames) {
+    let writer = UnitWriter { project, renames };
+    for block in &project.globals {
+        writer.block(xml, "globalVars", block);
+    }
+}
+
+struct UnitWriter<'a> {
+    project: &'a Project,
+    renames: &'a Renames,
+}
+
+impl UnitWriter<'_> {
+    fn name(&self, name: &str) -> String {
+        self.renames
+            .get(&name.to_ascii_uppercase())
+            .cloned()
+            .unwrap_or_else(|| name.to_owned())
+    }
+
+    fn expr(&self, expr: &Expr) -> String {
+        self.renamed(self.project.sources.slice(expr.span), &[])
+    }
+
+    /// A text with all renamed words replaced, except field names and the given variables.
+    fn renamed(&self, text: &str, variables: &[&str]) -> String {
+        if self.renames.is_empty() {
+            return text.to_owned();
+        }
+        let mut out = String::with_capacity(text.len());
+        let mut done = 0;
+        for (at, word) in words(text, 0) {
+            if text[..at].trim_end().ends_with('.')
+                || variables.iter().any(|v| v.eq_ignore_ascii_case(word))
+            {
+                continue;
+            }
+            let new = self.renamed_word(word);
+            if let Some(new) = new {
+                out.push_str(&text[done..at]);
+                out.push_str(&new);
+                done = at + word.len();
+            }
+        }
+        out.push_str(&text[done..]);
+        out
+    }
+
+    /// `Mode`, and the conversions `Mode_TO_INT` and `INT_TO_Mode`.
+    fn renamed_word(&self, word: &str) -> Option<String> {
+        let upper = word.to_ascii_uppercase();
+        if let Some(new) = self.renames.get(&upper) {
+            return Some(new.clone());
+        }
+        let split = upper.find("_TO_")?;
+        let (from, to) = (&upper[..split], &upper[split + 4..]);
+        match (self.renames.get(from), self.renames.get(to)) {
+            (None, None) => None,
+            (from_new, to_new) => Some(format!(
+                "{}_TO_{}",
+                from_new.map_or(&word[..split], String::as_str),
+                to_new.map_or(&word[split + 4..], String::as_str)
+            )),
+        }
+    }
+
+    fn data_type(&self, decl: &TypeDecl) -> String {
+        let mut xml = Xml::fragment();
+        xml.open("dataType", &[("name", &self.name(&decl.name.name))]);
+        xml.open("baseType", &[]);
+        self.type_spec(&mut xml, &decl.spec);
+        xml.close();
+        if let Some(init) = &decl.init {
+            self.initial_value(&mut xml, init);
+        }
+        xml.close();
+        xml.finish()
+    }
+
+    fn type_spec(&self, xml: &mut Xml, spec: &TypeSpec) {
+        match &spec.kind {
+            TypeSpecKind::Named(name) => self.named(xml, &name.name),
+            TypeSpecKind::Str { wide, len } => {
+                let element = if *wide { "wstring" } else { "string" };
+                match len {
+                    Some(len) => xml.empty(element, &[("length", &self.expr(len))]),
+                    None => xml.empty(element, &[]),
+                }
+            }
+            TypeSpecKind::Array { dims, elem } => {
+                xml.open("array", &[]);
+                for (low, high) in dims {
+                    let (low, high) = (self.expr(low), self.expr(high));
+                    xml.empty("dimension", &[("lower", &low), ("upper", &high)]);
+                }
+                xml.open("baseType", &[]);
+                self.type_spec(xml, elem);
+                xml.close();
+                xml.close();
+            }
+            TypeSpecKind::Subrange { base, lo, hi } => {
+                let unsigned = Elem::from_name(&base.name).is_some_and(Elem::is_unsigned);
+                xml.open(
+                    if unsigned {
+                        "subrangeUnsigned"
+                    } else {
+                        "subrangeSigned"
+                    },
+                    &[],
+                );
+                let (low, high) = (self.expr(lo), self.expr(hi));
+                xml.empty("range", &[("lower", &low), ("upper", &high)]);
+                xml.open("baseType", &[]);
+                self.named(xml, &base.name);
+                xml.close();
+                xml.close();
+            }
+            TypeSpecKind::Enum { base, values } => {
+                xml.open("enum", &[]);
+                xml.open("values", &[]);
+                for (name, value) in values {
+                    match value {
+                        Some(value) => xml.empty(
+                            "value",
+                            &[("name", &name.name), ("value", &self.expr(value))],
+                        ),
+                        None => xml.empty("value", &[("name", &name.name)]),
+                    }
+                }
+                xml.close();
+                if let Some(base) = base {
+                    xml.open("baseType", &[]);
+                    self.named(xml, &base.name);
+                    xml.close();
+                }
+                xml.close();
+            }
+            TypeSpecKind::Struct { fields } => {
+                xml.open("struct", &[]);
+                for field in fields {
+                    self.variable(xml, field);
+                }
+                xml.close();
+            }
+        }
+    }
+
+    fn named(&self, xml: &mut Xml, name: &str) {
+        match Elem::from_name(name) {
+            Some(elem) => xml.empty(elem.name(), &[]),
+            None => xml.empty("derived", &[("name", &self.name(name))]),
+        }
+    }
+
+    fn variable(&self, xml: &mut Xml, decl: &VarDecl) {
+        match &decl.location {
+            Some(location) => xml.open(
+                "variable",
+                &[("name", &decl.name.name), ("address", &location.name)],
+            ),
+            None => xml.open("variable", &[("name", &decl.name.name)]),
+        }
+        xml.open("type", &[]);
+        self.type_spec(xml, &decl.spec);
+        xml.close();
+        if let Some(init) = &decl.init {
+            self.initial_value(xml, init);
+        }
+        xml.close();
+    }
+
+    fn initial_value(&self, xml: &mut Xml, init: &Init) {
+        xml.open("initialValue", &[]);
+        self.value(xml, init);
+        xml.close();
+    }
+
+    fn value(&self, xml: &mut Xml, init: &Init) {
+        match init {
+            Init::Expr(expr) => xml.empty("simpleValue", &[("value", &self.expr(expr))]),
+            Init::Array(items, _) => {
+                xml.open("arrayValue", &[]);
+                for (count, item) in items {
+                    match count {
+                        Some(count) => {
+                            let count = self.expr(count);
+                            xml.open("value", &[("repetitionValue", &count)]);
+                        }
+                        None => xml.open("value", &[]),
+                    }
+                    self.value(xml, item);
+                    xml.close();
+                }
+                xml.close();
+            }
+            Init::Struct(fields, _) => {
+                xml.open("structValue", &[]);
+                for (name, field) in fields {
+                    xml.open("value", &[("member", &name.name)]);
+                    self.value(xml, field);
+                    xml.close();
+                }
+                xml.close();
+            }
+        }
+    }
+
+    fn block(&self, xml: &mut Xml, element: &str, block: &VarBlock) {
+        let mut attributes = Vec::new();
+        if block.constant {
+            attributes.push(("constant", "true"));
+        }
+        if block.retain {
+            attributes.push(("retain", "true"));
+        }
+        xml.open(element, &attributes);
+        for decl in &block.decls {
+            self.variable(xml, decl);
+        }
+        xml.close();
+    }
+
+    fn pou(&self, pou: &Pou) -> String {
+        let mut xml = Xml::fragment();
+        let kind = match pou.kind {
+            PouKind::Program => "program",
+            PouKind::Function => "function",
+            PouKind::FunctionBlock => "functionBlock",
+        };
+        xml.open(
+            "pou",
+            &[("name", &self.name(&pou.name.name)), ("pouType", kind)],
+        );
+        xml.open("interface", &[]);
+        if let Some(result) = &pou.result {
+            xml.open("returnType", &[]);
+            self.type_spec(&mut xml, result);
+            xml.close();
+        }
+        for block in &pou.vars {
+            let element = match block.section {
+                VarSection::Local => "localVars",
+                VarSection::Input => "inputVars",
+                VarSection::Output => "outputVars",
+                VarSection::InOut => "inOutVars",
+                VarSection::External => "externalVars",
+                VarSection::Global => "globalVars",
+                VarSection::Temp => "tempVars",
+            };
+            self.block(&mut xml, element, block);
+        }
+        xml.close();
+        let mut variables: Vec<&str> = pou
+            .vars
+            .iter()
+            .flat_map(|b| &b.decls)
+            .map(|d| d.name.name.as_str())
+            .collect();
+        if pou.kind == PouKind::Function {
+            // A function's own name is its result variable, and changes with it.
+            variables.retain(|v| !v.eq_ignore_ascii_case(&pou.name.name));
+        }
+        xml.open("body", &[]);
+        xml.open("ST", &[]);
+        let body = self.renamed(&body_text(self.project, pou), &variables);
+        xml.cdata("xhtml:p", &body);
+        xml.close();
+        xml.close();
+        xml.close();
+        xml.finish()
+    }
+}

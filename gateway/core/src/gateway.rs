@@ -1,0 +1,878 @@
+//! The gateway as one state machine: tick and images, frames, openings, watchdogs, reports.
+
+use crate::fence::Rejection;
+use crate::gate::{Accepted, Counters, Gate, Verdict};
+use crate::opening::{self, Decision};
+use crate::place;
+use crate::stored::{RecordWrite, StoredRecord};
+use fam_proto::agent::{Agent, Input, Output};
+use fam_proto::model::{CellModel, InputSource};
+use fam_proto::{
+    AgentId, Applied, BootId, Close, Envelope, Event, EventKind, GatewayId, ImageNumber,
+    InputImage, Ledger, McId, McInputs, Message, Now, Open, OpenRefusal, OpenRefused, Owner,
+    ProcessId, RecordState, Severity, TrapInfo, decode_frame,
+};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+
+/// Rejected frames of one MC are reported at most once in this time, in microseconds.
+pub const REPORT_REJECTED_US: u64 = 1_000_000;
+/// Longest text of a trap that is kept, for each of its parts, in bytes: the ledger has a fixed place on disk.
+pub const TRAP_TEXT_BYTES_MAX: usize = 256;
+
+/// What comes in from the gateway's own process.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum GatewayLocal {
+    /// A frame arrived.
+    Frame(Arc<[u8]>),
+    /// Answer to [`GatewayAct::ReadField`]: what was read, in each MC's own `%I` layout. MCs without field inputs may be left out.
+    Field(Vec<McInputs>),
+    /// A field device stopped answering.
+    FieldDeviceLost {
+        /// Name or address of the device.
+        device: String,
+        /// What it did, or did not.
+        why: String,
+    },
+    /// A field device answers (again).
+    FieldDeviceBack {
+        /// Name or address of the device.
+        device: String,
+    },
+    /// The process's own timer: as [`Agent::handle_timeout`].
+    Wake,
+    /// The gateway is asked to end: whatever is driven is set to its fail-safe values, because nobody will watch it. Answered by
+    /// [`GatewayAct::Left`].
+    Leave,
+}
+
+/// Why outputs are set.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum Why {
+    /// A frame was applied.
+    Frame(Applied),
+    /// Fail-safe values.
+    FailSafe,
+    /// At the gateway's start: the outputs of an MC that has stopped safely stand as it left them.
+    Kept,
+}
+
+/// What the gateway's process has to do.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum GatewayAct {
+    /// Read the field and answer with [`GatewayLocal::Field`].
+    ReadField,
+    /// Send an image.
+    PublishImage(Arc<InputImage>),
+    /// Set an MC's outputs at the field; newer ones replace those not yet written.
+    ApplyOutputs {
+        /// The MC.
+        mc: McId,
+        /// Its output image.
+        outputs: Arc<[u8]>,
+        /// Where they come from.
+        why: Why,
+    },
+    /// All outputs are safe and said so in a last image: the process may end.
+    Left,
+}
+
+/// What comes into a gateway.
+pub type GatewayInput = Input<GatewayLocal>;
+/// What a gateway wants done.
+pub type GatewayOutput = Output<RecordWrite, GatewayAct>;
+
+/// Why a gateway cannot be made from a cell model.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum GatewayError {
+    /// No such gateway.
+    #[error(
+        "the cell `{cell}` has no gateway `{gateway}`; it has {known}. Give one of these with --name, or add it to the cell"
+    )]
+    UnknownGateway {
+        /// The cell.
+        cell: String,
+        /// What was asked for.
+        gateway: GatewayId,
+        /// What there is.
+        known: String,
+    },
+    /// An exported variable that this gateway cannot copy.
+    #[error(
+        "{mc}: input `{input}` is an exported variable of {from}, which {why}; exports work between MCs of one gateway"
+    )]
+    Export {
+        /// The importing MC.
+        mc: McId,
+        /// Its variable.
+        input: String,
+        /// The exporting MC.
+        from: McId,
+        /// What is wrong.
+        why: &'static str,
+    },
+    /// A place outside the MC's image.
+    #[error("{mc}: `{variable}` lies outside the process image; generate the cell again")]
+    Place {
+        /// The MC.
+        mc: McId,
+        /// Its variable.
+        variable: String,
+    },
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+enum Pending {
+    Frame {
+        mc: McId,
+        accepted: Box<Accepted>,
+        /// When the frame was judged.
+        at: Now,
+    },
+    Grant {
+        open: Box<Open>,
+        to: AgentId,
+        ledger: Box<Ledger>,
+    },
+    /// A change of state that is in force already.
+    Note { mc: McId },
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+struct Reported {
+    at: Option<Now>,
+    waiting: BTreeMap<Rejection, u64>,
+    /// Sender of the last one.
+    owner: Option<Owner>,
+}
+
+/// The state machine of one gateway.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct Gateway {
+    id: GatewayId,
+    boot: BootId,
+    tick_us: u64,
+    fenced: bool,
+    gates: BTreeMap<McId, Gate>,
+    /// Rejections not yet reported, by MC.
+    reported: BTreeMap<McId, Reported>,
+    /// Frames that belong to no MC here.
+    stray: BTreeMap<Rejection, u64>,
+    /// Messages that were not for a gateway, or whose sender is not who asks.
+    misdirected: u64,
+    alive: BTreeSet<Owner>,
+    image: ImageNumber,
+    next_tick: Now,
+    reading: bool,
+    ticket: u64,
+    pending: BTreeMap<u64, Pending>,
+    out: VecDeque<GatewayOutput>,
+}
+
+impl Gateway {
+    /// A gateway at its start. `run` counts the starts on one record file and makes image numbers grow over restarts.
+    ///
+    /// # Errors
+    /// [`GatewayError`] if the model does not fit.
+    pub fn new(
+        cell: &CellModel,
+        id: &GatewayId,
+        boot: BootId,
+        run: u32,
+        stored: Vec<StoredRecord>,
+        now: Now,
+    ) -> Result<Gateway, GatewayError> {
+        let model = cell
+            .gateways
+            .iter()
+            .find(|g| &g.gateway == id)
+            .ok_or_else(|| GatewayError::UnknownGateway {
+                cell: cell.cell.to_string(),
+                gateway: id.clone(),
+                known: cell
+                    .gateways
+                    .iter()
+                    .map(|g| format!("`{}`", g.gateway))
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            })?;
+        let image = ImageNumber(u64::from(run) << 32);
+        let mut stored: BTreeMap<McId, StoredRecord> =
+            stored.into_iter().map(|s| (s.mc.clone(), s)).collect();
+        let gates: BTreeMap<McId, Gate> = cell
+            .mcs
+            .iter()
+            .filter(|mc| &mc.gateway == id)
+            .map(|mc| {
+                let gate = Gate::new(Arc::new(mc.clone()), stored.remove(&mc.mc), image, now);
+                (mc.mc.clone(), gate)
+            })
+            .collect();
+        check_places(&gates)?;
+        let mut gateway = Gateway {
+            id: id.clone(),
+            boot,
+            tick_us: u64::from(model.tick_us.max(1)),
+            fenced: true,
+            reported: gates
+                .keys()
+                .map(|mc| (mc.clone(), Reported::default()))
+                .collect(),
+            gates,
+            stray: BTreeMap::new(),
+            misdirected: 0,
+            alive: BTreeSet::new(),
+            image,
+            next_tick: now,
+            reading: false,
+            ticket: 0,
+            pending: BTreeMap::new(),
+            out: VecDeque::new(),
+        };
+        gateway.begin();
+        Ok(gateway)
+    }
+
+    /// Takes the fence away, so that a benchmark can show that it is the fence that keeps two controllers from driving.
+    #[cfg(feature = "fence-off")]
+    #[must_use]
+    pub fn without_fence(mut self) -> Gateway {
+        self.fenced = false;
+        self
+    }
+
+    /// The gate of an MC, for status and checks.
+    #[must_use]
+    pub fn gate(&self, mc: &McId) -> Option<&Gate> {
+        self.gates.get(mc)
+    }
+    /// MCs served.
+    pub fn mcs(&self) -> impl Iterator<Item = &McId> {
+        self.gates.keys()
+    }
+    /// Counters of all MCs.
+    pub fn counters(&self) -> impl Iterator<Item = (&McId, &Counters)> {
+        self.gates.iter().map(|(mc, gate)| (mc, gate.counters()))
+    }
+    /// Frames that do not read or belong to no MC here, by reason.
+    #[must_use]
+    pub fn stray(&self) -> &BTreeMap<Rejection, u64> {
+        &self.stray
+    }
+    /// Messages that were not for a gateway, or not signed by who asks.
+    #[must_use]
+    pub fn misdirected(&self) -> u64 {
+        self.misdirected
+    }
+    /// Number of the newest image.
+    #[must_use]
+    pub fn image(&self) -> ImageNumber {
+        self.image
+    }
+
+    fn begin(&mut self) {
+        let mut interrupted = Vec::new();
+        for (mc, gate) in &self.gates {
+            let closed = gate.ledger().state == RecordState::Closed;
+            if closed {
+                interrupted.push(mc.to_string());
+            }
+            let why = match (gate.fail_safe_stands(), closed) {
+                (true, _) => Why::FailSafe,
+                // The field holds what it got last until a new owner or the watchdog comes.
+                (false, true) => continue,
+                (false, false) => Why::Kept,
+            };
+            self.out.push_back(Output::Act(GatewayAct::ApplyOutputs {
+                mc: mc.clone(),
+                outputs: Arc::clone(gate.outputs()),
+                why,
+            }));
+        }
+        let records = if interrupted.is_empty() {
+            "no epoch was open".to_owned()
+        } else {
+            format!(
+                "epochs closed by the restart, to be activated from their records: {}",
+                interrupted.join(", ")
+            )
+        };
+        self.out.push_back(Output::Event(Event::new(
+            Severity::Info,
+            EventKind::GatewayJoined,
+            format!(
+                "gateway {} started with {} MCs; {records}",
+                self.id,
+                self.gates.len()
+            ),
+        )));
+    }
+
+    fn persist(&mut self, write: RecordWrite, pending: Pending) {
+        self.ticket += 1;
+        self.pending.insert(self.ticket, pending);
+        self.out.push_back(Output::Persist {
+            ticket: self.ticket,
+            write,
+        });
+    }
+
+    fn send(&mut self, to: AgentId, body: Message) {
+        self.out.push_back(Output::Send(Envelope {
+            from: AgentId::Gateway(self.id.clone()),
+            boot: self.boot,
+            to,
+            body,
+        }));
+    }
+
+    fn event(&mut self, now: Now, mut event: Event) {
+        event.at_us = now.0;
+        self.out.push_back(Output::Event(event));
+    }
+
+    // ---- time
+
+    fn timers(&mut self, now: Now) {
+        let due = |at: Option<Now>| at.is_some_and(|at| at <= now);
+        let mut silent = Vec::new();
+        let mut suspect = Vec::new();
+        for (mc, gate) in &self.gates {
+            if due(gate.watchdog_at()) {
+                silent.push(mc.clone());
+            } else if due(gate.suspect_at()) {
+                suspect.push(mc.clone());
+            }
+        }
+        for mc in silent {
+            self.watchdog(&mc, now);
+        }
+        for mc in suspect {
+            self.suspect(&mc, now);
+        }
+        self.report_rejected(now);
+    }
+
+    fn watchdog(&mut self, mc: &McId, now: Now) {
+        let Some(gate) = self.gates.get(mc) else {
+            return;
+        };
+        let text = format!(
+            "{mc}: no valid frame for {} ms while {}; its outputs stand at their fail-safe values until it is activated anew",
+            gate.silent_us(now) / 1_000,
+            gate.ledger().state.word(),
+        );
+        self.set_fail_safe(
+            mc,
+            RecordState::FailSafe,
+            Event::new(Severity::Alarm, EventKind::McFailSafe, text),
+            false,
+            now,
+        );
+    }
+
+    fn set_fail_safe(&mut self, mc: &McId, state: RecordState, event: Event, sync: bool, now: Now) {
+        let Some(gate) = self.gates.get_mut(mc) else {
+            return;
+        };
+        gate.fail_safe(state);
+        let ledger = gate.ledger().clone();
+        let outputs = Arc::clone(gate.outputs());
+        // Safe values first: no disk may delay them.
+        self.out.push_back(Output::Act(GatewayAct::ApplyOutputs {
+            mc: mc.clone(),
+            outputs,
+            why: Why::FailSafe,
+        }));
+        let mut event = event.mc(mc).epoch(ledger.epoch).scan(ledger.last_scan);
+        event.controller = ledger.owner.as_ref().map(|o| o.controller.clone());
+        self.event(now, event);
+        self.persist(
+            RecordWrite::Changed {
+                mc: mc.clone(),
+                ledger,
+                sync,
+            },
+            Pending::Note { mc: mc.clone() },
+        );
+    }
+
+    fn suspect(&mut self, mc: &McId, now: Now) {
+        let Some(gate) = self.gates.get_mut(mc) else {
+            return;
+        };
+        gate.set_suspect();
+        let ledger = gate.ledger();
+        let owner = ledger
+            .owner
+            .as_ref()
+            .map_or_else(String::new, |owner| format!(" of {owner}"));
+        let mut event = Event::new(
+            Severity::Warning,
+            EventKind::McSuspect,
+            format!(
+                "{mc}: no valid frame{owner} for {} ms",
+                gate.silent_us(now) / 1_000
+            ),
+        )
+        .mc(mc)
+        .epoch(ledger.epoch)
+        .scan(ledger.last_scan);
+        event.controller = ledger.owner.as_ref().map(|o| o.controller.clone());
+        self.event(now, event);
+    }
+
+    fn report_rejected(&mut self, now: Now) {
+        let mut events = Vec::new();
+        for (mc, reported) in &mut self.reported {
+            let due = reported
+                .at
+                .is_none_or(|at| now.since_us(at) >= REPORT_REJECTED_US);
+            if reported.waiting.is_empty() || !due {
+                continue;
+            }
+            reported.at = Some(now);
+            let all: u64 = reported.waiting.values().sum();
+            let reasons = std::mem::take(&mut reported.waiting)
+                .into_iter()
+                .map(|(why, count)| format!("{count} × {why}"))
+                .collect::<Vec<_>>()
+                .join(", ");
+            let owner = reported.owner.take();
+            let of = owner
+                .as_ref()
+                .map_or_else(String::new, |o| format!(" of {o}"));
+            let text = format!("{mc}: {all} frames{of} rejected: {reasons}");
+            let mut event = Event::new(Severity::Warning, EventKind::FramesRejected, text).mc(mc);
+            event.controller = owner.map(|owner| owner.controller);
+            events.push(event);
+        }
+        for event in events {
+            self.event(now, event);
+        }
+    }
+
+    fn tick(&mut self, now: Now) {
+        if now < self.next_tick {
+            return;
+        }
+        self.next_tick = self.next_tick.plus_us(self.tick_us);
+        if self.next_tick <= now {
+            // The machine stalled: ticks that are over are not made up for.
+            let missed = now.since_us(self.next_tick) / self.tick_us + 1;
+            self.next_tick = self.next_tick.plus_us(missed * self.tick_us);
+        }
+        if self.reading {
+            // The field has not answered for a whole tick. Acknowledgements go out all the same.
+            for gate in self.gates.values_mut() {
+                gate.inputs_late();
+            }
+            self.publish(now);
+        } else {
+            self.reading = true;
+            self.out.push_back(Output::Act(GatewayAct::ReadField));
+        }
+    }
+
+    fn publish(&mut self, now: Now) {
+        self.image = self.image.next();
+        let inputs = self
+            .gates
+            .iter()
+            .map(|(mc, gate)| {
+                let (bytes, fresh) = gate.inputs();
+                let mut bytes = bytes.to_vec();
+                for input in &gate.model().inputs {
+                    if let InputSource::Export { mc: from, place } = &input.source
+                        && let Some(value) = self
+                            .gates
+                            .get(from)
+                            .and_then(|from| place::get(from.outputs(), *place))
+                    {
+                        place::set(&mut bytes, input.place, value);
+                    }
+                }
+                McInputs {
+                    mc: mc.clone(),
+                    bytes,
+                    fresh,
+                }
+            })
+            .collect();
+        let image = InputImage {
+            gateway: self.id.clone(),
+            boot: self.boot,
+            number: self.image,
+            sent_at_us: now.0,
+            inputs,
+            records: self.gates.values().map(|gate| gate.summary(now)).collect(),
+        };
+        for gate in self.gates.values_mut() {
+            gate.image_sent(now);
+        }
+        self.out
+            .push_back(Output::Act(GatewayAct::PublishImage(Arc::new(image))));
+    }
+
+    fn leave(&mut self, now: Now) {
+        let driven: Vec<McId> = self
+            .gates
+            .iter()
+            .filter(|(_, gate)| gate.watchdog_at().is_some())
+            .map(|(mc, _)| mc.clone())
+            .collect();
+        for mc in &driven {
+            let text = format!(
+                "{mc}: gateway {} ends; its outputs stand at their fail-safe values",
+                self.id
+            );
+            let event = Event::new(Severity::Warning, EventKind::McFailSafe, text);
+            self.set_fail_safe(mc, RecordState::FailSafe, event, false, now);
+        }
+        self.publish(now);
+        self.out.push_back(Output::Act(GatewayAct::Left));
+    }
+
+    // ---- frames
+
+    fn frame(&mut self, bytes: &[u8], now: Now) {
+        let Ok(frame) = decode_frame(bytes) else {
+            *self.stray.entry(Rejection::Unreadable).or_default() += 1;
+            return;
+        };
+        let mc = frame.header.mc.clone();
+        let Some(gate) = self.gates.get_mut(&mc) else {
+            *self.stray.entry(Rejection::UnknownMc).or_default() += 1;
+            return;
+        };
+        match gate.judge(&frame, self.fenced, now) {
+            Err(why) => self.reject(&mc, why, &frame.header.owner, now),
+            Ok(Verdict::Repetition) => gate.count_repeated(),
+            Ok(Verdict::Accept(accepted)) => {
+                gate.set_writing(true);
+                let head = accepted.head.clone();
+                self.persist(
+                    RecordWrite::Head {
+                        mc: mc.clone(),
+                        head,
+                    },
+                    Pending::Frame {
+                        mc,
+                        accepted,
+                        at: now,
+                    },
+                );
+            }
+        }
+    }
+
+    fn reject(&mut self, mc: &McId, why: Rejection, owner: &Owner, now: Now) {
+        if let Some(gate) = self.gates.get_mut(mc) {
+            gate.count_rejected(why);
+        }
+        if let Some(reported) = self.reported.get_mut(mc) {
+            *reported.waiting.entry(why).or_default() += 1;
+            reported.owner = Some(owner.clone());
+        }
+        self.report_rejected(now);
+    }
+
+    fn recorded(&mut self, mc: &McId, mut accepted: Accepted, judged_at: Now, now: Now) {
+        let Some(gate) = self.gates.get_mut(mc) else {
+            return;
+        };
+        let record = gate.ledger();
+        if self.fenced
+            && (record.state != RecordState::Open || record.epoch != accepted.applied.epoch)
+        {
+            // Only if something came between the write and its answer.
+            self.reject(mc, Rejection::NotOpen, &accepted.applied.owner, now);
+            return;
+        }
+        accepted.applied.at_us = now.0;
+        let applied = accepted.applied.clone();
+        let outputs = Arc::clone(&accepted.head.outputs);
+        // The silence ends when the frame came, not when the disk was done with it.
+        let committed = gate.commit(accepted, judged_at);
+        let ledger = gate.ledger().clone();
+        self.out.push_back(Output::Act(GatewayAct::ApplyOutputs {
+            mc: mc.clone(),
+            outputs,
+            why: Why::Frame(applied),
+        }));
+        if committed.first || committed.stopped {
+            self.persist(
+                RecordWrite::Changed {
+                    mc: mc.clone(),
+                    ledger,
+                    sync: committed.stopped || committed.from_nothing,
+                },
+                Pending::Note { mc: mc.clone() },
+            );
+        }
+    }
+
+    // ---- messages
+
+    fn message(&mut self, envelope: Envelope, now: Now) {
+        match &envelope.body {
+            Message::Open(open) if envelope.is_from(&open.owner) => {
+                self.open(open, &envelope.from, now);
+            }
+            Message::Close(close) if envelope.is_from(&close.owner) => self.close(close, now),
+            _ => self.misdirected += 1,
+        }
+    }
+
+    fn open(&mut self, open: &Open, from: &AgentId, now: Now) {
+        let Some(gate) = self.gates.get_mut(&open.mc) else {
+            self.refuse(open, from, OpenRefusal::UnknownMc, now);
+            return;
+        };
+        if gate.is_writing() {
+            return; // The asker repeats its open.
+        }
+        let owner_seen = gate
+            .ledger()
+            .owner
+            .as_ref()
+            .is_some_and(|owner| self.alive.contains(owner));
+        match opening::decide(gate, open, owner_seen, now) {
+            Decision::Refuse(why) => self.refuse(open, from, why, now),
+            Decision::Again => {
+                let answer = opening::answer(gate, open);
+                self.send(from.clone(), Message::Opened(answer));
+            }
+            Decision::Grant(ledger) => {
+                gate.set_writing(true);
+                self.persist(
+                    RecordWrite::Opened {
+                        mc: open.mc.clone(),
+                        ledger: ledger.clone(),
+                    },
+                    Pending::Grant {
+                        open: Box::new(open.clone()),
+                        to: from.clone(),
+                        ledger: Box::new(ledger),
+                    },
+                );
+            }
+        }
+    }
+
+    fn refuse(&mut self, open: &Open, to: &AgentId, why: OpenRefusal, now: Now) {
+        let record = self.gates.get(&open.mc).map(|gate| gate.summary(now));
+        self.send(
+            to.clone(),
+            Message::OpenRefused(OpenRefused {
+                mc: open.mc.clone(),
+                epoch: open.epoch,
+                why,
+                record,
+            }),
+        );
+    }
+
+    fn granted(&mut self, open: &Open, to: &AgentId, ledger: Ledger, now: Now) {
+        let Some(gate) = self.gates.get_mut(&open.mc) else {
+            return;
+        };
+        gate.grant(ledger, now);
+        let answer = opening::answer(gate, open);
+        self.send(to.clone(), Message::Opened(answer));
+    }
+
+    fn close(&mut self, close: &Close, now: Now) {
+        let Some(gate) = self.gates.get(&close.mc) else {
+            self.misdirected += 1;
+            return;
+        };
+        let record = gate.ledger();
+        // The watchdog, or a restart of the gateway, may have been faster than the word of the trap.
+        let stands = matches!(
+            record.state,
+            RecordState::Open | RecordState::FailSafe | RecordState::Closed
+        );
+        if !stands || record.epoch != close.epoch || record.owner.as_ref() != Some(&close.owner) {
+            return;
+        }
+        let trap = TrapInfo {
+            pou: cut(&close.trap.pou),
+            file: cut(&close.trap.file),
+            line: close.trap.line,
+            message: cut(&close.trap.message),
+        };
+        let event = Event::new(
+            Severity::Alarm,
+            EventKind::McFaulted,
+            format!(
+                "{}: {trap}; its outputs stand at their fail-safe values until `fam reset {}`",
+                close.mc, close.mc
+            ),
+        );
+        self.set_fail_safe(&close.mc, RecordState::Faulted(trap), event, true, now);
+    }
+
+    fn persisted(&mut self, ticket: u64, result: Result<(), String>, now: Now) {
+        let Some(pending) = self.pending.remove(&ticket) else {
+            return;
+        };
+        let blocked = match &pending {
+            Pending::Frame { mc, .. } => Some(mc),
+            Pending::Grant { open, .. } => Some(&open.mc),
+            Pending::Note { .. } => None,
+        };
+        if let Some(gate) = blocked.and_then(|mc| self.gates.get_mut(mc)) {
+            gate.set_writing(false);
+        }
+        match (pending, result) {
+            (Pending::Frame { mc, accepted, at }, Ok(())) => self.recorded(&mc, *accepted, at, now),
+            (Pending::Grant { open, to, ledger }, Ok(())) => self.granted(&open, &to, *ledger, now),
+            (Pending::Note { .. }, Ok(())) => {}
+            (Pending::Frame { mc, accepted, .. }, Err(_)) => {
+                self.reject(&mc, Rejection::NotRecorded, &accepted.applied.owner, now);
+            }
+            (Pending::Grant { open, to, .. }, Err(why)) => {
+                self.event(now, record_failed(&open.mc, &why).epoch(open.epoch));
+                self.refuse(&open, &to, OpenRefusal::NotDurable(why), now);
+            }
+            (Pending::Note { mc }, Err(why)) => self.event(now, record_failed(&mc, &why)),
+        }
+    }
+}
+
+fn record_failed(mc: &McId, why: &str) -> Event {
+    Event::new(
+        Severity::Alarm,
+        EventKind::RepositoryFailed,
+        format!("{mc}: the gateway's record could not be written: {why}"),
+    )
+    .mc(mc)
+}
+
+fn cut(text: &str) -> String {
+    let mut end = text.len().min(TRAP_TEXT_BYTES_MAX);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text[..end].to_owned()
+}
+
+fn check_places(gates: &BTreeMap<McId, Gate>) -> Result<(), GatewayError> {
+    for (mc, gate) in gates {
+        let model = gate.model();
+        let outside = |variable: &str| GatewayError::Place {
+            mc: mc.clone(),
+            variable: variable.to_owned(),
+        };
+        for output in &model.outputs {
+            if place::end(output.place) > model.fail_safe.len() {
+                return Err(outside(&output.name));
+            }
+        }
+        for input in &model.inputs {
+            if place::end(input.place) > model.inputs_len as usize {
+                return Err(outside(&input.name));
+            }
+            if let InputSource::Export { mc: from, place } = &input.source {
+                let why = match gates.get(from) {
+                    None => "this gateway does not serve",
+                    Some(gate) if place::end(*place) > gate.outputs().len() => {
+                        "has no such place in its outputs"
+                    }
+                    Some(_) => continue,
+                };
+                return Err(GatewayError::Export {
+                    mc: mc.clone(),
+                    input: input.name.clone(),
+                    from: from.clone(),
+                    why,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Agent for Gateway {
+    type Input = GatewayInput;
+    type Output = GatewayOutput;
+
+    fn handle(&mut self, input: GatewayInput, now: Now) {
+        // Timers run before anything that waited in a queue: a frame that comes too late does not count as in time.
+        if !matches!(input, Input::Persisted { .. }) {
+            self.timers(now);
+        }
+        match input {
+            Input::Message(envelope) => self.message(envelope, now),
+            Input::Peer {
+                process: ProcessId::Node(controller),
+                boot,
+                alive,
+            } => {
+                let owner = Owner { controller, boot };
+                if alive {
+                    self.alive.insert(owner);
+                } else {
+                    self.alive.remove(&owner);
+                }
+            }
+            Input::Peer { .. } | Input::Image(_) => {}
+            Input::Persisted { ticket, result } => self.persisted(ticket, result, now),
+            Input::Local(GatewayLocal::Frame(bytes)) => self.frame(&bytes, now),
+            Input::Local(GatewayLocal::Field(inputs)) => {
+                for input in inputs {
+                    if let Some(gate) = self.gates.get_mut(&input.mc) {
+                        gate.set_inputs(&input.bytes, input.fresh, now);
+                    }
+                }
+                if std::mem::take(&mut self.reading) {
+                    self.publish(now);
+                }
+            }
+            Input::Local(GatewayLocal::FieldDeviceLost { device, why }) => {
+                let text = format!(
+                    "gateway {}: field device {device} does not answer: {why}; its inputs are not fresh, its MCs stand still until it is back",
+                    self.id
+                );
+                self.event(
+                    now,
+                    Event::new(Severity::Alarm, EventKind::FieldDeviceLost, text),
+                );
+            }
+            Input::Local(GatewayLocal::FieldDeviceBack { device }) => {
+                let text = format!("gateway {}: field device {device} answers", self.id);
+                self.event(
+                    now,
+                    Event::new(Severity::Info, EventKind::FieldDeviceBack, text),
+                );
+            }
+            Input::Local(GatewayLocal::Wake) => self.tick(now),
+            Input::Local(GatewayLocal::Leave) => self.leave(now),
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Now) {
+        self.timers(now);
+        self.tick(now);
+    }
+
+    fn poll_output(&mut self) -> Option<GatewayOutput> {
+        self.out.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<(Now, &'static str)> {
+        let mut next = (self.next_tick, "tick");
+        for gate in self.gates.values() {
+            for (at, why) in [
+                (gate.watchdog_at(), "watchdog"),
+                (gate.suspect_at(), "silence report"),
+            ] {
+                if let Some(at) = at.filter(|at| *at < next.0) {
+                    next = (at, why);
+                }
+            }
+        }
+        Some(next)
+    }
+}

@@ -1,0 +1,287 @@
+//! Names that stand outside POUs: collected first, then declared on demand, so that the order of texts does not matter.
+
+use crate::check::tree::{Location, Pou, PouId, Var, VarId};
+use crate::check::{Checker, Declared, Progress, key};
+use crate::diag::{Fallible, Problem};
+use crate::source::Span;
+use crate::syntax::ast::{self, PouKind, VarSection};
+use crate::types::{Elem, TypeId, TypeKind};
+
+impl<'p> Checker<'p> {
+    pub(super) fn collect(&mut self) {
+        let project = self.project;
+        for (index, decl) in project.types.iter().enumerate() {
+            self.claim(&decl.name, Declared::Type(index));
+        }
+        for pou in &project.pous {
+            let id = PouId(self.pous.len() as u32);
+            self.claim(&pou.name, Declared::Pou(id));
+            self.add_pou(pou, false);
+        }
+        for (b, block) in project.globals.iter().enumerate() {
+            for (d, decl) in block.decls.iter().enumerate() {
+                self.claim(&decl.name, Declared::Global(b, d));
+            }
+        }
+        for pou in &project.library {
+            if !self.names.contains_key(&key(&pou.name.name)) {
+                let id = PouId(self.pous.len() as u32);
+                self.names.insert(key(&pou.name.name), Declared::Pou(id));
+                self.add_pou(pou, true);
+            }
+        }
+    }
+
+    fn add_pou(&mut self, pou: &ast::Pou, library: bool) {
+        let id = PouId(self.pous.len() as u32);
+        self.pous.push(Pou {
+            name: pou.name.name.clone(),
+            name_span: pou.name.span,
+            kind: pou.kind,
+            library,
+            vars: Vec::new(),
+            result: None,
+            body: Vec::new(),
+            calls: std::collections::BTreeSet::new(),
+        });
+        if pou.kind == PouKind::FunctionBlock {
+            let ty = self
+                .types
+                .add(Some(pou.name.name.clone()), TypeKind::FunctionBlock(id));
+            self.fb_types.insert(id, ty);
+        }
+    }
+
+    fn claim(&mut self, name: &ast::Ident, declared: Declared) {
+        if Elem::from_name(&name.name).is_some() {
+            let message = format!("`{}` is the name of an elementary type", name.name);
+            self.report(Problem::error("E201", name.span, message));
+            return;
+        }
+        if self.names.contains_key(&key(&name.name)) {
+            let problem = Problem::error(
+                "E201",
+                name.span,
+                format!("`{}` is declared twice", name.name),
+            )
+            .hint("types, POUs and global variables share one set of names; case does not count");
+            self.report(problem);
+            return;
+        }
+        self.names.insert(key(&name.name), declared);
+    }
+
+    pub(super) fn declare_all(&mut self) {
+        let project = self.project;
+        for index in 0..project.types.len() {
+            self.resolve_declared(index, project.types[index].name.span);
+        }
+        for (b, block) in project.globals.iter().enumerate() {
+            for d in 0..block.decls.len() {
+                self.declare_global(b, d);
+            }
+        }
+        self.declare_pous();
+        self.settle_inits();
+    }
+
+    /// The global variable, declared now if it was not yet. `None` if it is wrong, or needs itself.
+    pub(super) fn declare_global(&mut self, b: usize, d: usize) -> Option<VarId> {
+        if let Some((progress, id)) = self.globals.get(&(b, d)).copied() {
+            if progress == Progress::Running {
+                let span = self.project.globals[b].decls[d].name.span;
+                self.report(Problem::error(
+                    "E204",
+                    span,
+                    "this constant needs its own value",
+                ));
+            }
+            return id;
+        }
+        let project = self.project;
+        let block = &project.globals[b];
+        let decl = &block.decls[d];
+        self.globals.insert((b, d), (Progress::Running, None));
+        let outside = std::mem::take(&mut self.current);
+        let id = self.declare_var(block, decl, VarSection::Global, None);
+        self.current = outside;
+        self.globals.insert((b, d), (Progress::Done, Some(id)));
+        Some(id)
+    }
+
+    /// Adds a variable. Values of scalar constants are worked out at once, other initial values when all is declared.
+    pub(super) fn declare_var(
+        &mut self,
+        block: &'p ast::VarBlock,
+        decl: &'p ast::VarDecl,
+        section: VarSection,
+        owner: Option<PouId>,
+    ) -> VarId {
+        let ty = self.resolve_spec(&decl.spec, None);
+        let location = decl.location.as_ref().and_then(|at| {
+            let result = self.located(at, ty);
+            self.ok(result)
+        });
+        let id = VarId(self.vars.len() as u32);
+        self.vars.push(Var {
+            name: decl.name.name.clone(),
+            ty,
+            section,
+            constant: block.constant,
+            retain: block.retain,
+            location,
+            init: None,
+            owner,
+            span: decl.name.span,
+        });
+        if block.constant && decl.init.is_none() && ty != TypeId::ERROR {
+            let message = format!("the constant `{}` has no value", decl.name.name);
+            self.report(
+                Problem::error("E205", decl.name.span, message).expected("`:=` and a value"),
+            );
+        }
+        if block.constant && decl.location.is_some() {
+            let message = format!("the constant `{}` cannot be located", decl.name.name);
+            self.report(Problem::error("E206", decl.name.span, message));
+        }
+        if let Some(init) = &decl.init {
+            if block.constant && !self.types.is_aggregate(ty) {
+                let value = self.init_value(init, ty);
+                self.vars[id.0 as usize].init = value;
+            } else {
+                self.pending_inits
+                    .push((super::init::Pending::Var(id), init));
+            }
+        }
+        id
+    }
+
+    /// The place of a variable in the process image.
+    fn located(&mut self, at: &ast::Ident, ty: TypeId) -> Fallible<Location> {
+        let location = parse_location(&at.name, at.span)?;
+        if ty == TypeId::ERROR {
+            return Ok(location);
+        }
+        let bad = |message: String| Err(Box::new(Problem::error("E207", at.span, message)));
+        let type_name = self.type_name(ty);
+        match self.types.kind(ty) {
+            TypeKind::Array { elem, .. } => {
+                let elem_ty = self.types.elem(*elem);
+                match elem_ty {
+                    Some(e) if e != Elem::Bool && (e.bits() == 8 || e.bits() >= 32) => Ok(location),
+                    _ => Err(Box::new(
+                        Problem::error("E207", at.span, format!("{type_name} cannot be located"))
+                            .hint("locate its elements as single variables, or use an array of BYTE or DWORD"),
+                    )),
+                }
+            }
+            _ => {
+                let Some(elem) = self.types.elem(ty) else {
+                    return bad(format!("{type_name} cannot be located"));
+                };
+                let wanted = match location.size {
+                    'X' => 1,
+                    'B' => 8,
+                    'W' => 16,
+                    'D' => 32,
+                    _ => 64,
+                };
+                if elem.bits() != wanted {
+                    let size = match elem.bits() {
+                        1 => 'X',
+                        8 => 'B',
+                        16 => 'W',
+                        32 => 'D',
+                        _ => 'L',
+                    };
+                    let area = if location.output { 'Q' } else { 'I' };
+                    return Err(Box::new(
+                        Problem::error(
+                            "E207",
+                            at.span,
+                            format!(
+                                "{type_name} has {} and `{}` has {}",
+                                bits(elem.bits()),
+                                at.name,
+                                bits(wanted)
+                            ),
+                        )
+                        .expected(format!("an address that begins with %{area}{size}")),
+                    ));
+                }
+                Ok(location)
+            }
+        }
+    }
+}
+
+fn bits(n: u32) -> String {
+    if n == 1 {
+        "1 bit".into()
+    } else {
+        format!("{n} bits")
+    }
+}
+
+/// Size of the process image, in bytes, that addresses may reach.
+pub const IMAGE_BYTES_MAX: u32 = 64 * 1024;
+
+/// `%IX3.5`, `%QB7`, `%IW2` (bytes 4 and 5), `%ID1` (bytes 4 to 7), `%QL1` (bytes 8 to 15).
+pub fn parse_location(text: &str, span: Span) -> Fallible<Location> {
+    let bad = |message: String| {
+        Err(Box::new(Problem::error("E208", span, message).expected(
+            "%IX3.5, %IB3, %IW2, %ID1 or %IL0, or the same with Q",
+        )))
+    };
+    let upper = text.to_ascii_uppercase();
+    let mut chars = upper.chars();
+    chars.next();
+    let output = match chars.next() {
+        Some('I') => false,
+        Some('Q') => true,
+        Some('M') => {
+            return Err(Box::new(
+                Problem::error("E208", span, format!("`{text}`: there is no %M memory area"))
+                    .hint("declare an ordinary variable; it is kept from scan to scan and is part of the state"),
+            ));
+        }
+        _ => return bad(format!("`{text}` is no address of an input or output")),
+    };
+    let rest = chars.as_str();
+    if rest.starts_with('*') {
+        return bad(format!("`{text}`: an address must be complete"));
+    }
+    let (size, numbers) = match rest.chars().next() {
+        Some(c @ ('X' | 'B' | 'W' | 'D' | 'L')) => (c, &rest[1..]),
+        Some(c) if c.is_ascii_digit() => ('X', rest),
+        _ => return bad(format!("`{text}`: the size must be X, B, W, D or L")),
+    };
+    let parts: Vec<u32> = numbers
+        .split('.')
+        .map(|n| n.parse().unwrap_or(u32::MAX))
+        .collect();
+    let (unit, bit) = match (size, parts.as_slice()) {
+        ('X', [byte, bit]) if *bit < 8 => (*byte, Some(*bit as u8)),
+        ('X', [_, bit]) if *bit >= 8 => return bad(format!("`{text}`: a byte has bits 0 to 7")),
+        ('X', _) => return bad(format!("`{text}`: a bit needs a byte and a bit number")),
+        (_, [unit]) => (*unit, None),
+        _ => return bad(format!("`{text}` has too many parts")),
+    };
+    let width = match size {
+        'W' => 2,
+        'D' => 4,
+        'L' => 8,
+        _ => 1,
+    };
+    match unit.checked_mul(width) {
+        Some(byte) if byte + width <= IMAGE_BYTES_MAX => Ok(Location {
+            output,
+            byte,
+            bit,
+            size,
+        }),
+        _ => bad(format!(
+            "`{text}` lies outside the process image of {IMAGE_BYTES_MAX} bytes"
+        )),
+    }
+}

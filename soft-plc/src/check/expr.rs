@@ -1,0 +1,651 @@
+//! Expressions: types, implicit conversions, constants.
+
+use crate::check::tree::{Expr, ExprKind, InitValue, Limits, Place, Root};
+use crate::check::{Checker, key};
+use crate::diag::Problem;
+use crate::source::Span;
+use crate::syntax::ast::{self, BinOp, UnOp};
+use crate::types::{Elem, TypeId, TypeKind};
+use crate::value::{self, Fault, Value};
+
+pub(super) fn error_expr(span: Span) -> Expr {
+    Expr {
+        kind: ExprKind::Const(Value::Bool(false)),
+        ty: TypeId::ERROR,
+        span,
+    }
+}
+
+pub(super) fn constant(value: Value, ty: TypeId, span: Span) -> Expr {
+    Expr {
+        kind: ExprKind::Const(value),
+        ty,
+        span,
+    }
+}
+
+impl Checker<'_> {
+    /// The typed expression. `expected` helps to tell enumerated values of one name apart and types the results of
+    /// overloaded functions; the result need not have that type (see `coerce`). After an error the type is `ERROR`.
+    pub(super) fn expr(&mut self, expr: &ast::Expr, expected: Option<TypeId>) -> Expr {
+        let span = expr.span;
+        match &expr.kind {
+            ast::ExprKind::Int(v) => self.untyped_int(*v, span),
+            ast::ExprKind::Real(v) => constant(Value::Lreal(*v), TypeId::UNTYPED_REAL, span),
+            ast::ExprKind::Bool(b) => constant(Value::Bool(*b), TypeId::BOOL, span),
+            ast::ExprKind::Time(ns) => constant(Value::Time(*ns), TypeId::TIME, span),
+            ast::ExprKind::Str(_) => {
+                self.report(Problem::error("E203", span, "strings are not supported"));
+                error_expr(span)
+            }
+            ast::ExprKind::Typed(elem, inner) => self.typed_literal(*elem, inner, span),
+            ast::ExprKind::EnumValue(ty, value) => self.enum_value(ty, value, span),
+            ast::ExprKind::Name(name) => self.name(name, expected, span),
+            ast::ExprKind::Direct(_)
+            | ast::ExprKind::Field(..)
+            | ast::ExprKind::Index(..)
+            | ast::ExprKind::Bit(..) => match self.place(expr) {
+                Some(place) => self.load(place),
+                None => error_expr(span),
+            },
+            ast::ExprKind::Call(callee, args) => self.call_expr(callee, args, expected, span),
+            ast::ExprKind::Unary(op, inner) => {
+                let inner = self.expr(inner, expected);
+                self.unary(*op, inner, span)
+            }
+            ast::ExprKind::Binary(op, left, right) => {
+                let pass = if op.is_comparison() { None } else { expected };
+                let (l, r) = if op.is_comparison() && self.may_be_enum_name(left) {
+                    let r = self.expr(right, None);
+                    let l = self.expr(left, Some(r.ty));
+                    (l, r)
+                } else {
+                    let l = self.expr(left, pass);
+                    let hint = if op.is_comparison() { Some(l.ty) } else { pass };
+                    let r = self.expr(right, hint);
+                    (l, r)
+                };
+                self.binary(*op, l, r, span)
+            }
+        }
+    }
+
+    fn may_be_enum_name(&mut self, expr: &ast::Expr) -> bool {
+        matches!(&expr.kind, ast::ExprKind::Name(n) if self.find_var(n).is_none())
+    }
+
+    fn untyped_int(&mut self, v: i128, span: Span) -> Expr {
+        let value = if let Ok(v) = i64::try_from(v) {
+            Value::Int(v)
+        } else if let Ok(v) = u64::try_from(v) {
+            Value::Uint(v)
+        } else {
+            self.report(Problem::error(
+                "E106",
+                span,
+                format!("{v} does not fit any integer type"),
+            ));
+            return error_expr(span);
+        };
+        constant(value, TypeId::UNTYPED_INT, span)
+    }
+
+    fn typed_literal(&mut self, elem: Elem, inner: &ast::Expr, span: Span) -> Expr {
+        let inner = self.expr(inner, None);
+        let typed = self.coerce(inner, TypeId::of(elem));
+        Expr { span, ..typed }
+    }
+
+    fn enum_value(&mut self, ty_name: &ast::Ident, value: &ast::Ident, span: Span) -> Expr {
+        let ty = self.resolve_name(ty_name);
+        let (base, found, names) = match self.types.kind(ty) {
+            TypeKind::Enum { base, values } => (
+                *base,
+                values
+                    .iter()
+                    .find(|(n, _)| n.eq_ignore_ascii_case(&value.name))
+                    .map(|(_, v)| *v),
+                values.iter().map(|(n, _)| n.clone()).collect::<Vec<_>>(),
+            ),
+            TypeKind::Error => return error_expr(span),
+            _ => {
+                let message = format!("`{}` is no enumeration", ty_name.name);
+                self.report(Problem::error("E303", ty_name.span, message));
+                return error_expr(span);
+            }
+        };
+        match found {
+            Some(v) => constant(Value::from_i128(base, i128::from(v)), ty, span),
+            None => {
+                let message = format!("{} has no value `{}`", self.type_name(ty), value.name);
+                self.report(
+                    Problem::error("E303", value.span, message)
+                        .expected(format!("one of {}", names.join(", "))),
+                );
+                error_expr(span)
+            }
+        }
+    }
+
+    /// A variable, a constant, or the name of an enumerated value.
+    fn name(&mut self, name: &str, expected: Option<TypeId>, span: Span) -> Expr {
+        if let Some(id) = self.find_var(name) {
+            let var = self.var(id);
+            let ty = var.ty;
+            if ty == TypeId::ERROR {
+                return error_expr(span);
+            }
+            if var.constant && !self.types.is_aggregate(ty) {
+                return match &var.init {
+                    Some(InitValue::Scalar(value)) => constant(*value, ty, span),
+                    _ => error_expr(span),
+                };
+            }
+            return self.load(Place {
+                root: Root::Var(id),
+                steps: Vec::new(),
+                ty,
+                span,
+            });
+        }
+        let Some(found) = self.enum_values.get(&key(name)) else {
+            self.unknown_name(name, span);
+            return error_expr(span);
+        };
+        let wanted = expected.map(|e| self.types.get(e).same_as);
+        let chosen = match found.as_slice() {
+            [one] => Some(*one),
+            many => many.iter().copied().find(|(ty, _)| Some(*ty) == wanted),
+        };
+        let Some((ty, v)) = chosen else {
+            let names: Vec<String> = found
+                .clone()
+                .iter()
+                .map(|(ty, _)| format!("{}#{name}", self.type_name(*ty)))
+                .collect();
+            let message = format!("`{name}` is a value of several enumerations");
+            self.report(Problem::error("E304", span, message).expected(names.join(" or ")));
+            return error_expr(span);
+        };
+        let base = self.types.elem(ty).unwrap_or(Elem::Int);
+        constant(Value::from_i128(base, i128::from(v)), ty, span)
+    }
+
+    pub(super) fn load(&mut self, place: Place) -> Expr {
+        Expr {
+            ty: place.ty,
+            span: place.span,
+            kind: ExprKind::Load(Box::new(place)),
+        }
+    }
+
+    /// Gives an untyped literal the type that it has without context: the smallest of INT, DINT, LINT, ULINT; or LREAL.
+    pub(super) fn settle(&mut self, expr: Expr) -> Expr {
+        match (expr.ty, &expr.kind) {
+            (TypeId::UNTYPED_INT, ExprKind::Const(value)) => {
+                let elem = [Elem::Int, Elem::Dint, Elem::Lint, Elem::Ulint]
+                    .into_iter()
+                    .find(|e| value.fits(*e))
+                    .unwrap_or(Elem::Ulint);
+                let value = Value::from_i128(elem, value.as_i128().unwrap_or(0));
+                constant(value, TypeId::of(elem), expr.span)
+            }
+            (TypeId::UNTYPED_REAL, _) => Expr {
+                ty: TypeId::of(Elem::Lreal),
+                ..expr
+            },
+            _ => expr,
+        }
+    }
+
+    /// The expression with its implicit conversion to `ty`, as in an assignment.
+    pub(super) fn coerce(&mut self, expr: Expr, ty: TypeId) -> Expr {
+        if expr.ty == TypeId::ERROR || ty == TypeId::ERROR {
+            return error_expr(expr.span);
+        }
+        if self.types.same(expr.ty, ty) {
+            return Expr { ty, ..expr };
+        }
+        let (from, to) = (self.types.elem(expr.ty), self.types.elem(ty));
+        if let (ExprKind::Const(value), Some(to)) = (&expr.kind, to)
+            && !self.types.is_enum(ty)
+        {
+            let value = *value;
+            match expr.ty {
+                TypeId::UNTYPED_INT => return self.coerce_literal(value, to, ty, expr.span),
+                TypeId::UNTYPED_REAL if to.is_real() => {
+                    let value = match to {
+                        Elem::Real => Value::Real(value.as_f64() as f32),
+                        _ => value,
+                    };
+                    return constant(value, ty, expr.span);
+                }
+                _ => {}
+            }
+        }
+        let enums = self.types.is_enum(expr.ty) || self.types.is_enum(ty);
+        if let (Some(from), Some(to), false) = (from, to, enums)
+            && from.widens_to(to)
+        {
+            let span = expr.span;
+            let widened = self.convert(expr, to, span);
+            return self.within(widened, ty);
+        }
+        self.mismatch(&expr, ty);
+        error_expr(expr.span)
+    }
+
+    /// Checks a subrange: a constant now, anything else at run time.
+    fn within(&mut self, expr: Expr, ty: TypeId) -> Expr {
+        let TypeKind::Subrange { lo, hi, .. } = *self.types.kind(ty) else {
+            return Expr { ty, ..expr };
+        };
+        let span = expr.span;
+        if let ExprKind::Const(value) = &expr.kind {
+            let v = value.as_i128().unwrap_or(0);
+            if v < lo || v > hi {
+                let message = format!("{v} is outside {lo}..{hi}");
+                self.report(
+                    Problem::error("E302", span, message)
+                        .expected(format!("a value of {}", self.type_name(ty))),
+                );
+                return error_expr(span);
+            }
+            return Expr { ty, ..expr };
+        }
+        Expr {
+            kind: ExprKind::Check(Box::new(expr), Limits::Range(lo, hi)),
+            ty,
+            span,
+        }
+    }
+
+    fn coerce_literal(&mut self, value: Value, to: Elem, ty: TypeId, span: Span) -> Expr {
+        let v = value.as_i128().unwrap_or(0);
+        if to.is_real() {
+            return constant(Value::from_i128(to, v), ty, span);
+        }
+        if to == Elem::Time {
+            self.report(
+                Problem::error("E302", span, format!("{v} is no duration"))
+                    .expected("a TIME literal such as T#0s"),
+            );
+            return error_expr(span);
+        }
+        let (lo, hi) = to.limits().unwrap_or((0, 0));
+        if v < lo || v > hi {
+            let expected = if to == Elem::Bool {
+                "TRUE or FALSE".to_owned()
+            } else {
+                format!("a value within {lo}..{hi}")
+            };
+            self.report(
+                Problem::error("E302", span, format!("{v} does not fit {to}")).expected(expected),
+            );
+            return error_expr(span);
+        }
+        let converted = constant(Value::from_i128(to, v), ty, span);
+        self.within(converted, ty)
+    }
+
+    fn mismatch(&mut self, expr: &Expr, ty: TypeId) {
+        let (have, want) = (self.type_name(expr.ty), self.type_name(ty));
+        let mut problem = Problem::error(
+            "E302",
+            expr.span,
+            format!("{have} cannot become {want} here"),
+        )
+        .expected(format!("a value of type {want}"));
+        let narrow = match (self.types.elem(expr.ty), self.types.elem(ty)) {
+            (Some(Elem::Time), Some(Elem::Lint)) => {
+                Some("TIME_TO_LINT(...) gives nanoseconds".to_owned())
+            }
+            (Some(_), Some(_)) => {
+                let from = if self.types.is_enum(expr.ty) || self.types.get(expr.ty).name.is_some()
+                {
+                    have.clone()
+                } else {
+                    self.types
+                        .elem(expr.ty)
+                        .map_or(have.clone(), |e| e.to_string())
+                };
+                Some(format!("convert it: {from}_TO_{want}(...)"))
+            }
+            _ if expr.ty == TypeId::UNTYPED_REAL => {
+                Some(format!("convert it: LREAL_TO_{want}(...)"))
+            }
+            _ => None,
+        };
+        if expr.ty == TypeId::UNTYPED_INT || expr.ty == TypeId::VOID {
+            // A literal or a function without result: there is nothing to convert.
+        } else if let Some(hint) = narrow {
+            problem = problem.hint(hint);
+        }
+        self.report(problem);
+    }
+
+    /// A conversion whose pair of types is known to exist; constants are converted now.
+    pub(super) fn convert(&mut self, expr: Expr, to: Elem, span: Span) -> Expr {
+        let Some(from) = self.types.elem(expr.ty) else {
+            return error_expr(span);
+        };
+        if from == to {
+            return Expr {
+                ty: TypeId::of(to),
+                ..expr
+            };
+        }
+        if let ExprKind::Const(value) = &expr.kind {
+            let result = value::convert(from, to, *value);
+            return self.folded(result, TypeId::of(to), span);
+        }
+        Expr {
+            kind: ExprKind::Convert(Box::new(expr)),
+            ty: TypeId::of(to),
+            span,
+        }
+    }
+
+    pub(super) fn folded(&mut self, result: Result<Value, Fault>, ty: TypeId, span: Span) -> Expr {
+        match result {
+            Ok(value) => constant(value, ty, span),
+            Err(fault) => {
+                self.report(Problem::error(
+                    "E318",
+                    span,
+                    format!("this constant cannot be worked out: {fault}"),
+                ));
+                error_expr(span)
+            }
+        }
+    }
+
+    pub(super) fn unary(&mut self, op: UnOp, inner: Expr, span: Span) -> Expr {
+        if inner.ty == TypeId::ERROR {
+            return error_expr(span);
+        }
+        if let (UnOp::Neg, ExprKind::Const(value)) = (op, &inner.kind) {
+            match inner.ty {
+                TypeId::UNTYPED_INT => {
+                    let v = -value.as_i128().unwrap_or(0);
+                    return self.untyped_int(v, span);
+                }
+                TypeId::UNTYPED_REAL => {
+                    return constant(Value::Lreal(-value.as_f64()), TypeId::UNTYPED_REAL, span);
+                }
+                _ => {}
+            }
+        }
+        let inner = self.settle(inner);
+        let elem = self
+            .types
+            .elem(inner.ty)
+            .filter(|_| !self.types.is_enum(inner.ty));
+        let fits = elem.is_some_and(|e| match op {
+            UnOp::Neg => e.is_signed() || e.is_real() || e == Elem::Time,
+            UnOp::Not => e.is_bit(),
+        });
+        let (Some(elem), true) = (elem, fits) else {
+            let (text, expected) = match op {
+                UnOp::Neg => ("-", "a signed integer, REAL, LREAL or TIME"),
+                UnOp::Not => ("NOT", "BOOL or a bit string"),
+            };
+            let message = format!("`{text}` does not apply to {}", self.type_name(inner.ty));
+            self.report(Problem::error("E305", span, message).expected(expected));
+            return error_expr(span);
+        };
+        if let ExprKind::Const(v) = &inner.kind {
+            let result = value::unary(op, elem, *v);
+            return self.folded(result, TypeId::of(elem), span);
+        }
+        Expr {
+            kind: ExprKind::Unary(op, Box::new(inner)),
+            ty: TypeId::of(elem),
+            span,
+        }
+    }
+
+    pub(super) fn binary(&mut self, op: BinOp, left: Expr, right: Expr, span: Span) -> Expr {
+        if left.ty == TypeId::ERROR || right.ty == TypeId::ERROR {
+            return error_expr(span);
+        }
+        if self.types.is_enum(left.ty) || self.types.is_enum(right.ty) {
+            return self.compare_enums(op, left, right, span);
+        }
+        if let Some(folded) = self.fold_untyped(op, &left, &right, span) {
+            return folded;
+        }
+        if let Some(time) = self.time_arithmetic(op, &left, &right, span) {
+            return time;
+        }
+        let Some(elem) = self.common_elem(op, &left, &right) else {
+            return self.operator_mismatch(op, &left, &right, span);
+        };
+        let fits = match op {
+            BinOp::Add | BinOp::Sub => elem.is_num() || elem == Elem::Time,
+            BinOp::Mul | BinOp::Div => elem.is_num(),
+            BinOp::Mod => elem.is_int(),
+            BinOp::Pow => elem.is_real(),
+            BinOp::And | BinOp::Or | BinOp::Xor => elem.is_bit(),
+            _ => true,
+        };
+        if !fits {
+            return self.operator_mismatch(op, &left, &right, span);
+        }
+        let left = self.coerce(left, TypeId::of(elem));
+        let right = self.coerce(right, TypeId::of(elem));
+        self.finish_binary(op, elem, left, right, span)
+    }
+
+    fn finish_binary(
+        &mut self,
+        op: BinOp,
+        elem: Elem,
+        left: Expr,
+        right: Expr,
+        span: Span,
+    ) -> Expr {
+        if left.ty == TypeId::ERROR || right.ty == TypeId::ERROR {
+            return error_expr(span);
+        }
+        let ty = if op.is_comparison() {
+            TypeId::BOOL
+        } else {
+            TypeId::of(elem)
+        };
+        if let ExprKind::Const(r) = &right.kind {
+            if let ExprKind::Const(l) = &left.kind {
+                let result = value::binary(op, elem, *l, *r);
+                return self.folded(result, ty, span);
+            }
+            if matches!(op, BinOp::Div | BinOp::Mod) && r.as_i128() == Some(0) {
+                self.report(Problem::error("E318", right.span, "division by zero"));
+                return error_expr(span);
+            }
+        }
+        Expr {
+            kind: ExprKind::Binary(op, elem, Box::new(left), Box::new(right)),
+            ty,
+            span,
+        }
+    }
+
+    fn compare_enums(&mut self, op: BinOp, left: Expr, right: Expr, span: Span) -> Expr {
+        let same = self.types.same(left.ty, right.ty);
+        if !same || !matches!(op, BinOp::Eq | BinOp::Ne) {
+            return self.operator_mismatch(op, &left, &right, span);
+        }
+        let elem = self.types.elem(left.ty).unwrap_or(Elem::Int);
+        self.finish_binary(op, elem, left, right, span)
+    }
+
+    /// Literals among themselves are computed exactly and stay literals.
+    fn fold_untyped(&mut self, op: BinOp, left: &Expr, right: &Expr, span: Span) -> Option<Expr> {
+        let untyped = |e: &Expr| matches!(e.ty, TypeId::UNTYPED_INT | TypeId::UNTYPED_REAL);
+        let (ExprKind::Const(l), ExprKind::Const(r)) = (&left.kind, &right.kind) else {
+            return None;
+        };
+        if !untyped(left) || !untyped(right) {
+            return None;
+        }
+        let reals = left.ty == TypeId::UNTYPED_REAL || right.ty == TypeId::UNTYPED_REAL;
+        if reals || op == BinOp::Pow {
+            if matches!(op, BinOp::Mod) || op.is_logic() {
+                return Some(self.operator_mismatch(op, left, right, span));
+            }
+            let (l, r) = (Value::Lreal(l.as_f64()), Value::Lreal(r.as_f64()));
+            let ty = if op.is_comparison() {
+                TypeId::BOOL
+            } else {
+                TypeId::UNTYPED_REAL
+            };
+            let result = value::binary(op, Elem::Lreal, l, r);
+            return Some(self.folded(result, ty, span));
+        }
+        let (l, r) = (l.as_i128()?, r.as_i128()?);
+        let value = match op {
+            BinOp::Add => l.checked_add(r),
+            BinOp::Sub => l.checked_sub(r),
+            BinOp::Mul => l.checked_mul(r),
+            BinOp::Div | BinOp::Mod if r == 0 => {
+                self.report(Problem::error("E318", right.span, "division by zero"));
+                return Some(error_expr(span));
+            }
+            BinOp::Div => l.checked_div(r),
+            BinOp::Mod => l.checked_rem(r),
+            BinOp::And => Some(l & r),
+            BinOp::Or => Some(l | r),
+            BinOp::Xor => Some(l ^ r),
+            _ => {
+                let order = l.cmp(&r);
+                let truth = match op {
+                    BinOp::Eq => order.is_eq(),
+                    BinOp::Ne => order.is_ne(),
+                    BinOp::Lt => order.is_lt(),
+                    BinOp::Le => order.is_le(),
+                    BinOp::Gt => order.is_gt(),
+                    _ => order.is_ge(),
+                };
+                return Some(constant(Value::Bool(truth), TypeId::BOOL, span));
+            }
+        };
+        Some(self.untyped_int(value.unwrap_or(i128::MAX), span))
+    }
+
+    /// TIME * number, number * TIME and TIME / number.
+    fn time_arithmetic(
+        &mut self,
+        op: BinOp,
+        left: &Expr,
+        right: &Expr,
+        span: Span,
+    ) -> Option<Expr> {
+        if !matches!(op, BinOp::Mul | BinOp::Div) {
+            return None;
+        }
+        let is_time = |e: &Expr| self.types.elem(e.ty) == Some(Elem::Time);
+        let (time, number) = match (is_time(left), is_time(right)) {
+            (true, false) => (left.clone(), right.clone()),
+            (false, true) if op == BinOp::Mul => (right.clone(), left.clone()),
+            _ => return None,
+        };
+        let number = self.settle(number);
+        let elem = self.types.elem(number.ty)?;
+        let wide = if elem.is_real() {
+            Elem::Lreal
+        } else if elem.is_int() && elem.widens_to(Elem::Lint) {
+            Elem::Lint
+        } else {
+            return Some(self.operator_mismatch(op, left, right, span));
+        };
+        let number = self.coerce(number, TypeId::of(wide));
+        Some(self.finish_binary(op, Elem::Time, time, number, span))
+    }
+
+    /// The type in which both operands are computed.
+    fn common_elem(&mut self, op: BinOp, left: &Expr, right: &Expr) -> Option<Elem> {
+        let base = |e: &Expr| self.types.elem(e.ty);
+        let elem = match (left.ty, right.ty) {
+            (TypeId::UNTYPED_INT | TypeId::UNTYPED_REAL, _) => literal_with(left, base(right)?)?,
+            (_, TypeId::UNTYPED_INT | TypeId::UNTYPED_REAL) => literal_with(right, base(left)?)?,
+            _ => base(left)?.common(base(right)?)?,
+        };
+        // `**` is a matter of reals; integers become the real type that holds them.
+        if op == BinOp::Pow && elem.is_int() {
+            return elem.common(Elem::Real).or(Some(Elem::Lreal));
+        }
+        Some(elem)
+    }
+
+    pub(super) fn operator_mismatch(
+        &mut self,
+        op: BinOp,
+        left: &Expr,
+        right: &Expr,
+        span: Span,
+    ) -> Expr {
+        let (l, r) = (self.type_name(left.ty), self.type_name(right.ty));
+        let message = if l == r {
+            format!("`{}` does not apply to {l}", op.text())
+        } else {
+            format!("`{}` does not apply to {l} and {r}", op.text())
+        };
+        let expected = match op {
+            BinOp::Add | BinOp::Sub => "numbers, or two TIMEs",
+            BinOp::Mul | BinOp::Div => "numbers, or a TIME and a number",
+            BinOp::Mod => "integers",
+            BinOp::Pow => "numbers",
+            BinOp::And | BinOp::Or | BinOp::Xor => "BOOL or bit strings",
+            _ if self.types.is_enum(left.ty) || self.types.is_enum(right.ty) => {
+                "two values of one enumeration, compared with = or <>"
+            }
+            _ => "two elementary values of types that widen to one",
+        };
+        let mut problem = Problem::error("E305", span, message).expected(expected);
+        let (le, re) = (self.types.elem(left.ty), self.types.elem(right.ty));
+        let both = |f: fn(Elem) -> bool| le.is_some_and(f) || re.is_some_and(f);
+        if op.is_logic() && both(Elem::is_int) {
+            problem = problem.hint("convert integers to bit strings: INT_TO_WORD(...)");
+        } else if !op.is_logic() && !op.is_comparison() && both(|e| e.is_bit() && e != Elem::Bool) {
+            problem = problem.hint("convert bit strings to integers: WORD_TO_UINT(...)");
+        } else if le.is_some_and(Elem::is_num) && re.is_some_and(Elem::is_num) {
+            problem = problem.hint(format!("convert one of them explicitly: {l}_TO_{r}(...)"));
+        }
+        self.report(problem);
+        error_expr(span)
+    }
+}
+
+/// The type in which a literal meets an operand of type `other`.
+fn literal_with(literal: &Expr, other: Elem) -> Option<Elem> {
+    let ExprKind::Const(value) = &literal.kind else {
+        return None;
+    };
+    if literal.ty == TypeId::UNTYPED_REAL {
+        return if other.is_real() {
+            Some(other)
+        } else if other.is_int() {
+            other.common(Elem::Real)
+        } else {
+            None
+        };
+    }
+    let v = value.as_i128()?;
+    if other.is_real() {
+        return Some(other);
+    }
+    let (lo, hi) = other.limits()?;
+    if other == Elem::Time {
+        return None;
+    }
+    if (lo..=hi).contains(&v) {
+        return Some(other);
+    }
+    if !other.is_int() {
+        return None;
+    }
+    [Elem::Int, Elem::Dint, Elem::Lint, Elem::Ulint]
+        .into_iter()
+        .filter(|e| value.fits(*e))
+        .find_map(|e| other.common(e))
+}

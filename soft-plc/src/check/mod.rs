@@ -1,0 +1,207 @@
+//! From the syntax tree to the typed tree: names looked up, types found, constants worked out, rules enforced.
+
+mod calls;
+mod conditions;
+mod declare;
+mod expr;
+mod init;
+mod place;
+mod pous;
+mod stdcalls;
+pub mod stdfun;
+mod stmt;
+pub mod tree;
+mod types;
+
+use std::collections::BTreeMap;
+
+use crate::diag::{Diagnostic, Fallible, Problem, Severity, finish_all};
+use crate::source::Span;
+use crate::syntax::ast::Project;
+use crate::types::{TypeId, TypeTable};
+use tree::{Pou, PouId, TypedProject, Var, VarId};
+
+pub use conditions::{check_expression, evaluate};
+pub use declare::IMAGE_BYTES_MAX;
+
+/// What is allowed beyond the standard.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CheckOptions {
+    /// Any POU may read and write the internal variables of programs and function block instances by their dotted path
+    /// (`MC1.timer.ET`): needed by generated POUs that write a state out variable by variable.
+    pub allow_internal_access: bool,
+}
+
+/// Checks the project. Errors come together, in the order of the text; warnings go with the typed tree.
+pub fn check(project: &Project, options: CheckOptions) -> Result<TypedProject, Vec<Diagnostic>> {
+    let mut checker = Checker::new(project, options);
+    checker.collect();
+    checker.declare_all();
+    checker.check_bodies();
+    checker.finish()
+}
+
+/// The declared names that stand outside POUs.
+#[derive(Clone, Copy, Debug)]
+enum Declared {
+    /// Index into `Project::types`.
+    Type(usize),
+    Pou(PouId),
+    /// Block and declaration in `Project::globals`.
+    Global(usize, usize),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    Open,
+    Running,
+    Done,
+}
+
+struct Checker<'p> {
+    project: &'p Project,
+    options: CheckOptions,
+    types: TypeTable,
+    vars: Vec<Var>,
+    pous: Vec<Pou>,
+    problems: Vec<Problem>,
+    names: BTreeMap<String, Declared>,
+    type_ids: Vec<(Progress, TypeId)>,
+    globals: BTreeMap<(usize, usize), (Progress, Option<VarId>)>,
+    /// Enumerated values by their name: the enumerations that have it.
+    enum_values: BTreeMap<String, Vec<(TypeId, i64)>>,
+    fb_types: BTreeMap<PouId, TypeId>,
+    pending_inits: Vec<(init::Pending, &'p crate::syntax::ast::Init)>,
+    /// Names that each POU sees first.
+    scopes: Vec<BTreeMap<String, VarId>>,
+    current: Scope,
+}
+
+/// The POU whose text is being looked at, and the names that it sees first.
+#[derive(Clone, Debug, Default)]
+struct Scope {
+    pou: Option<PouId>,
+    names: BTreeMap<String, VarId>,
+    /// Number of loops around the current statement.
+    loops: u32,
+}
+
+/// Names are compared without regard to case.
+pub(crate) fn key(name: &str) -> String {
+    name.to_ascii_uppercase()
+}
+
+impl<'p> Checker<'p> {
+    fn new(project: &'p Project, options: CheckOptions) -> Self {
+        Self {
+            project,
+            options,
+            types: TypeTable::default(),
+            vars: Vec::new(),
+            pous: Vec::new(),
+            problems: Vec::new(),
+            names: BTreeMap::new(),
+            type_ids: vec![(Progress::Open, TypeId::ERROR); project.types.len()],
+            globals: BTreeMap::new(),
+            enum_values: BTreeMap::new(),
+            fb_types: BTreeMap::new(),
+            pending_inits: Vec::new(),
+            scopes: Vec::new(),
+            current: Scope::default(),
+        }
+    }
+
+    fn report(&mut self, mut problem: Problem) {
+        if problem.pou.is_none()
+            && let Some(pou) = self.current.pou
+        {
+            problem.pou = Some(self.pous[pou.0 as usize].name.clone());
+        }
+        self.problems.push(problem);
+    }
+
+    /// The value, or `None` after reporting the problem.
+    fn ok<T>(&mut self, result: Fallible<T>) -> Option<T> {
+        result.map_err(|problem| self.report(*problem)).ok()
+    }
+
+    fn var(&self, id: VarId) -> &Var {
+        &self.vars[id.0 as usize]
+    }
+
+    fn pou(&self, id: PouId) -> &Pou {
+        &self.pous[id.0 as usize]
+    }
+
+    fn type_name(&self, ty: TypeId) -> String {
+        match self.types.kind(ty) {
+            crate::types::TypeKind::FunctionBlock(pou) => self.pou(*pou).name.clone(),
+            _ => self.types.name(ty),
+        }
+    }
+
+    fn finish(mut self) -> Result<TypedProject, Vec<Diagnostic>> {
+        self.refuse_recursion();
+        let has_errors = self.problems.iter().any(|p| p.severity == Severity::Error);
+        let sources = self.project.sources.clone();
+        let diagnostics = finish_all(self.problems, &sources);
+        if has_errors {
+            return Err(diagnostics);
+        }
+        let globals = self.globals.values().filter_map(|(_, id)| *id).collect();
+        Ok(TypedProject {
+            sources,
+            types: self.types,
+            vars: self.vars,
+            pous: self.pous,
+            globals,
+            warnings: diagnostics,
+            syntax: self.project.clone(),
+            options: self.options,
+        })
+    }
+
+    /// A program that calls itself has no bounded scan; every POU's memory is laid out once.
+    fn refuse_recursion(&mut self) {
+        // 0 = not seen, 1 = on the path, 2 = done
+        let mut state = vec![0u8; self.pous.len()];
+        for start in 0..self.pous.len() {
+            let mut path: Vec<(usize, Vec<PouId>)> = Vec::new();
+            if state[start] == 0 {
+                state[start] = 1;
+                path.push((start, self.pous[start].calls.iter().copied().collect()));
+            }
+            while let Some((at, rest)) = path.last_mut() {
+                let Some(next) = rest.pop() else {
+                    state[*at] = 2;
+                    path.pop();
+                    continue;
+                };
+                let next = next.0 as usize;
+                if state[next] == 0 {
+                    state[next] = 1;
+                    path.push((next, self.pous[next].calls.iter().copied().collect()));
+                } else if state[next] == 1 {
+                    let from = path.iter().position(|(p, _)| *p == next).unwrap_or(0);
+                    let mut names: Vec<String> = path[from..]
+                        .iter()
+                        .map(|(p, _)| self.pous[*p].name.clone())
+                        .collect();
+                    names.push(self.pous[next].name.clone());
+                    let span: Span = self.pous[next].name_span;
+                    let problem = Problem::error(
+                        "E410",
+                        span,
+                        format!(
+                            "{} calls itself: {}",
+                            self.pous[next].name,
+                            names.join(" > ")
+                        ),
+                    )
+                    .hint("recursion is not allowed; use a loop");
+                    self.problems.push(problem);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! POUs: their variables, the names that they see, and their bodies.
+
+use std::collections::BTreeMap;
+
+use crate::check::tree::{PouId, Var, VarId};
+use crate::check::{Checker, Declared, Scope, key};
+use crate::diag::Problem;
+use crate::syntax::ast::{self, PouKind, VarSection};
+use crate::types::{TypeId, TypeKind};
+
+impl<'p> Checker<'p> {
+    /// The syntax of a POU: those of the project come first, then the library's that are not replaced.
+    fn syntax_of(&self, id: PouId) -> &'p ast::Pou {
+        let project = self.project;
+        let name = &self.pou(id).name;
+        if self.pou(id).library {
+            project
+                .library
+                .iter()
+                .find(|p| p.name.name == *name)
+                .unwrap_or(&project.library[0])
+        } else {
+            &project.pous[id.0 as usize]
+        }
+    }
+
+    /// Looks at the text of `pou` from now on.
+    pub(super) fn enter(&mut self, pou: Option<PouId>) {
+        self.current = Scope {
+            pou,
+            names: pou.map_or_else(BTreeMap::new, |p| self.scopes[p.0 as usize].clone()),
+            loops: 0,
+        };
+    }
+
+    pub(super) fn leave(&mut self) {
+        self.current = Scope::default();
+    }
+
+    pub(super) fn declare_pous(&mut self) {
+        self.scopes = vec![BTreeMap::new(); self.pous.len()];
+        for index in 0..self.pous.len() {
+            let id = PouId(index as u32);
+            self.enter(Some(id));
+            self.declare_pou(id);
+            self.scopes[index] = std::mem::take(&mut self.current.names);
+            self.leave();
+        }
+        self.refuse_endless_instances();
+    }
+
+    fn declare_pou(&mut self, id: PouId) {
+        let syntax = self.syntax_of(id);
+        if syntax.kind == PouKind::Function
+            && let Some(spec) = &syntax.result
+        {
+            let ty = self.resolve_spec(spec, None);
+            if matches!(self.types.kind(ty), TypeKind::FunctionBlock(_)) {
+                let problem =
+                    Problem::error("E219", spec.span, "a function cannot return an instance");
+                self.report(problem);
+            }
+            let var = VarId(self.vars.len() as u32);
+            self.vars.push(Var {
+                name: syntax.name.name.clone(),
+                ty,
+                section: VarSection::Local,
+                constant: false,
+                retain: false,
+                location: None,
+                init: None,
+                owner: Some(id),
+                span: syntax.name.span,
+            });
+            self.pous[id.0 as usize].result = Some(var);
+            self.current.names.insert(key(&syntax.name.name), var);
+        }
+        for block in &syntax.vars {
+            for decl in &block.decls {
+                if block.section == VarSection::External {
+                    self.declare_external(decl);
+                    continue;
+                }
+                self.check_section(syntax, block, decl);
+                let var = self.declare_var(block, decl, block.section, Some(id));
+                let name = key(&decl.name.name);
+                if self.current.names.contains_key(&name) {
+                    let message = format!("the variable `{}` is declared twice", decl.name.name);
+                    self.report(Problem::error("E201", decl.name.span, message));
+                }
+                self.current.names.insert(name, var);
+                self.pous[id.0 as usize].vars.push(var);
+                self.check_instance_section(syntax, block, decl, var);
+            }
+        }
+    }
+
+    fn check_section(&mut self, pou: &ast::Pou, block: &ast::VarBlock, decl: &ast::VarDecl) {
+        let span = decl.name.span;
+        let refused = match (pou.kind, block.section) {
+            (_, VarSection::Global) => {
+                Some("declare it outside of the POU and name it in VAR_EXTERNAL here")
+            }
+            (PouKind::Program, VarSection::InOut) => Some("use VAR_EXTERNAL or VAR_INPUT"),
+            _ => None,
+        };
+        if let Some(hint) = refused {
+            let message = format!("a {} cannot have {}", pou.kind, block.section);
+            self.report(Problem::error("E220", span, message).hint(hint));
+        }
+        if let Some(at) = &decl.location
+            && !(pou.kind == PouKind::Program && block.section == VarSection::Local)
+        {
+            let message = format!(
+                "a variable in {} of a {} cannot be located",
+                block.section, pou.kind
+            );
+            self.report(
+                Problem::error("E206", at.span, message)
+                    .hint("locate a variable in VAR of a program or in VAR_GLOBAL"),
+            );
+        }
+        if block.section == VarSection::InOut && decl.init.is_some() {
+            self.report(Problem::error(
+                "E221",
+                span,
+                "VAR_IN_OUT has no initial value",
+            ));
+        }
+    }
+
+    /// Instances live where their memory is kept from scan to scan.
+    fn check_instance_section(
+        &mut self,
+        pou: &ast::Pou,
+        block: &ast::VarBlock,
+        decl: &ast::VarDecl,
+        var: VarId,
+    ) {
+        let kept = block.section == VarSection::InOut
+            || (pou.kind != PouKind::Function && block.section == VarSection::Local);
+        let ty = self.var(var).ty;
+        if !kept && self.holds_instance(ty) {
+            let message = format!(
+                "a function block instance cannot stand in {} of a {}",
+                block.section, pou.kind
+            );
+            self.report(Problem::error("E222", decl.name.span, message).hint(
+                "declare it in VAR of a program or function block, or pass it as VAR_IN_OUT",
+            ));
+        }
+        if block.constant && self.holds_instance(ty) {
+            self.report(Problem::error(
+                "E222",
+                decl.name.span,
+                "an instance cannot be CONSTANT",
+            ));
+        }
+    }
+
+    fn holds_instance(&self, ty: TypeId) -> bool {
+        match self.types.kind(ty) {
+            TypeKind::FunctionBlock(_) => true,
+            TypeKind::Array { elem, .. } => self.holds_instance(*elem),
+            TypeKind::Struct { fields } => fields.iter().any(|f| self.holds_instance(f.ty)),
+            _ => false,
+        }
+    }
+
+    /// VAR_EXTERNAL makes a global variable visible under its name.
+    fn declare_external(&mut self, decl: &'p ast::VarDecl) {
+        let name = &decl.name.name;
+        let Some(Declared::Global(b, d)) = self.names.get(&key(name)).copied() else {
+            let message = format!("there is no global variable `{name}`");
+            self.report(
+                Problem::error("E223", decl.name.span, message)
+                    .expected("the name of a variable declared in VAR_GLOBAL"),
+            );
+            return;
+        };
+        let Some(id) = self.declare_global(b, d) else {
+            return;
+        };
+        let ty = self.resolve_spec(&decl.spec, None);
+        let global = self.var(id).ty;
+        if ty != TypeId::ERROR && global != TypeId::ERROR && !self.types.same(ty, global) {
+            let message = format!(
+                "`{name}` is {} here and {} in VAR_GLOBAL",
+                self.type_name(ty),
+                self.type_name(global)
+            );
+            self.report(
+                Problem::error("E224", decl.spec.span, message).expected(self.type_name(global)),
+            );
+        }
+        self.current.names.insert(key(name), id);
+    }
+
+    /// A function block that contains an instance of itself would have no end.
+    fn refuse_endless_instances(&mut self) {
+        // 0 = not seen, 1 = on the path, 2 = done
+        let mut state = vec![0u8; self.pous.len()];
+        for index in 0..self.pous.len() {
+            self.visit_instances(PouId(index as u32), &mut state);
+        }
+    }
+
+    fn visit_instances(&mut self, pou: PouId, state: &mut Vec<u8>) -> bool {
+        match state[pou.0 as usize] {
+            1 => return true,
+            2 => return false,
+            _ => {}
+        }
+        state[pou.0 as usize] = 1;
+        for var in self.pou(pou).vars.clone() {
+            if self.var(var).section == VarSection::InOut {
+                continue;
+            }
+            for inner in self.instances_in(self.var(var).ty) {
+                if self.visit_instances(inner, state) {
+                    let message = format!(
+                        "{} contains an instance of {}, which contains {} again",
+                        self.pou(pou).name,
+                        self.pou(inner).name,
+                        self.pou(pou).name
+                    );
+                    let span = self.var(var).span;
+                    self.report(Problem::error("E225", span, message));
+                    // Broken here, so that nothing walks in circles afterwards.
+                    self.vars[var.0 as usize].ty = TypeId::ERROR;
+                }
+            }
+        }
+        state[pou.0 as usize] = 2;
+        false
+    }
+
+    fn instances_in(&self, ty: TypeId) -> Vec<PouId> {
+        match self.types.kind(ty) {
+            TypeKind::FunctionBlock(pou) => vec![*pou],
+            TypeKind::Array { elem, .. } => self.instances_in(*elem),
+            TypeKind::Struct { fields } => fields
+                .iter()
+                .flat_map(|f| self.instances_in(f.ty))
+                .collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    pub(super) fn check_bodies(&mut self) {
+        for index in 0..self.pous.len() {
+            let id = PouId(index as u32);
+            self.enter(Some(id));
+            let syntax = self.syntax_of(id);
+            let body = self.stmts(&syntax.body);
+            self.pous[index].body = body;
+            self.leave();
+        }
+    }
+}

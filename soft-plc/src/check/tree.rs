@@ -1,0 +1,404 @@
+//! The typed tree: what the checker hands to the compiler and to tools. Names are resolved, implicit conversions explicit.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use crate::check::CheckOptions;
+use crate::check::stdfun::StdFun;
+use crate::diag::Diagnostic;
+use crate::source::{Sources, Span};
+use crate::syntax::ast::{BinOp, PouKind, Project, UnOp, VarSection};
+use crate::types::{Elem, TypeId, TypeTable};
+use crate::value::Value;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct PouId(pub u32);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct VarId(pub u32);
+
+/// A project that has passed all checks.
+#[derive(Clone, Debug)]
+pub struct TypedProject {
+    pub sources: Arc<Sources>,
+    pub types: TypeTable,
+    pub vars: Vec<Var>,
+    pub pous: Vec<Pou>,
+    /// Global variables in the order of their declaration.
+    pub globals: Vec<VarId>,
+    pub warnings: Vec<Diagnostic>,
+    pub(crate) syntax: Project,
+    pub(crate) options: CheckOptions,
+}
+
+impl TypedProject {
+    pub fn var(&self, id: VarId) -> &Var {
+        &self.vars[id.0 as usize]
+    }
+
+    pub fn pou(&self, id: PouId) -> &Pou {
+        &self.pous[id.0 as usize]
+    }
+
+    pub fn find_pou(&self, name: &str) -> Option<PouId> {
+        let found = self
+            .pous
+            .iter()
+            .position(|p| p.name.eq_ignore_ascii_case(name));
+        found.map(|index| PouId(index as u32))
+    }
+
+    pub fn find_global(&self, name: &str) -> Option<VarId> {
+        self.globals
+            .iter()
+            .copied()
+            .find(|id| self.var(*id).name.eq_ignore_ascii_case(name))
+    }
+
+    /// Names of all programs, in the order of their declaration.
+    pub fn programs(&self) -> impl Iterator<Item = &str> {
+        self.pous
+            .iter()
+            .filter(|p| p.kind == PouKind::Program)
+            .map(|p| p.name.as_str())
+    }
+
+    /// The name of a type as the user would write it.
+    pub fn type_name(&self, ty: TypeId) -> String {
+        match self.types.kind(ty) {
+            crate::types::TypeKind::FunctionBlock(pou) => self.pou(*pou).name.clone(),
+            _ => self.types.name(ty),
+        }
+    }
+
+    /// The dotted path of a place whose indices are constant: `MC1.station[2].timer.ET`.
+    pub fn path_of(&self, place: &Place) -> Option<String> {
+        let mut path = match &place.root {
+            Root::Var(id) => {
+                let var = self.var(*id);
+                match var.owner {
+                    Some(pou) if self.pou(pou).kind == PouKind::Program => {
+                        format!("{}.{}", self.pou(pou).name, var.name)
+                    }
+                    _ => var.name.clone(),
+                }
+            }
+            Root::Direct(location) => location.to_string(),
+        };
+        for step in &place.steps {
+            match &step.kind {
+                StepKind::Field(index, owner) => {
+                    let crate::types::TypeKind::Struct { fields } = self.types.kind(*owner) else {
+                        return None;
+                    };
+                    path.push('.');
+                    path.push_str(&fields[*index].name);
+                }
+                StepKind::Member(var) => {
+                    path.push('.');
+                    path.push_str(&self.var(*var).name);
+                }
+                StepKind::Index(indices) => {
+                    let mut texts = Vec::new();
+                    for index in indices {
+                        match &index.kind {
+                            ExprKind::Const(value) => texts.push(value.as_i128()?.to_string()),
+                            _ => return None,
+                        }
+                    }
+                    path.push_str(&format!("[{}]", texts.join(",")));
+                }
+                StepKind::Bit(bit) => path.push_str(&format!(".{bit}")),
+            }
+        }
+        Some(path)
+    }
+}
+
+/// Where a located variable stands in the process image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Location {
+    pub output: bool,
+    pub byte: u32,
+    /// For BOOL: the bit in the byte.
+    pub bit: Option<u8>,
+    /// `X`, `B`, `W`, `D` or `L` as written.
+    pub size: char,
+}
+
+impl std::fmt::Display for Location {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let area = if self.output { 'Q' } else { 'I' };
+        match (self.bit, self.size) {
+            (Some(bit), _) => write!(f, "%{area}X{}.{bit}", self.byte),
+            (None, 'W') => write!(f, "%{area}W{}", self.byte / 2),
+            (None, 'D') => write!(f, "%{area}D{}", self.byte / 4),
+            (None, 'L') => write!(f, "%{area}L{}", self.byte / 8),
+            (None, size) => write!(f, "%{area}{size}{}", self.byte),
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Var {
+    pub name: String,
+    pub ty: TypeId,
+    pub section: VarSection,
+    pub constant: bool,
+    pub retain: bool,
+    pub location: Option<Location>,
+    pub init: Option<InitValue>,
+    /// The POU that declares it; `None` for a global variable.
+    pub owner: Option<PouId>,
+    pub span: Span,
+}
+
+/// An initial value, as far as it differs from that of the type.
+#[derive(Clone, Debug, PartialEq)]
+pub enum InitValue {
+    Scalar(Value),
+    /// Values of the first elements in order; each stands `count` times.
+    Array(Vec<(u64, InitValue)>),
+    /// Values of fields by their index.
+    Struct(Vec<(usize, InitValue)>),
+    /// Values of variables of a function block instance.
+    Instance(Vec<(VarId, InitValue)>),
+}
+
+#[derive(Clone, Debug)]
+pub struct Pou {
+    pub name: String,
+    pub name_span: Span,
+    pub kind: PouKind,
+    /// Part of the built-in library.
+    pub library: bool,
+    /// All variables in the order of their declaration.
+    pub vars: Vec<VarId>,
+    /// For a function with a result: the variable that carries the function's name.
+    pub result: Option<VarId>,
+    pub body: Vec<Stmt>,
+    pub calls: BTreeSet<PouId>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Stmt {
+    pub kind: StmtKind,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum StmtKind {
+    Assign(Place, Expr),
+    /// A function called for its effects.
+    Call(FunctionCall),
+    Invoke(Invocation),
+    If(Vec<(Expr, Vec<Stmt>)>, Vec<Stmt>),
+    Case {
+        selector: Expr,
+        branches: Vec<Branch>,
+        otherwise: Vec<Stmt>,
+    },
+    For(Box<For>),
+    While(Expr, Vec<Stmt>),
+    Repeat(Vec<Stmt>, Expr),
+    Exit,
+    Continue,
+    Return,
+    /// `__REGION_TO_BYTES` (`to_bytes`) and `__BYTES_TO_REGION`: a block copy between a region of memory and an array of bytes.
+    CopyRegion {
+        region: String,
+        array: Place,
+        to_bytes: bool,
+    },
+}
+
+/// Ranges of values of a CASE, and what runs for them.
+pub type Branch = (Vec<(i64, i64)>, Vec<Stmt>);
+
+#[derive(Clone, Debug)]
+pub struct For {
+    pub var: Place,
+    pub from: Expr,
+    pub to: Expr,
+    pub by: Expr,
+    pub body: Vec<Stmt>,
+}
+
+/// A call of a function block instance, or of a program (`instance` is `None`).
+#[derive(Clone, Debug)]
+pub struct Invocation {
+    pub pou: PouId,
+    pub instance: Option<Place>,
+    pub inputs: Vec<(VarId, Expr)>,
+    /// One for each VAR_IN_OUT, in the order of their declaration.
+    pub in_outs: Vec<Place>,
+    /// Parameter, variable that receives it, and whether it is negated on the way.
+    pub outputs: Vec<(VarId, Place, bool)>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub struct FunctionCall {
+    pub pou: PouId,
+    /// One for each VAR_INPUT, VAR_OUTPUT and VAR_IN_OUT, in the order of their declaration.
+    pub args: Vec<Argument>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum Argument {
+    Input(Expr),
+    Output(Option<Place>),
+    InOut(Place),
+}
+
+/// Something with an address: a variable, or a part of one.
+#[derive(Clone, Debug)]
+pub struct Place {
+    pub root: Root,
+    pub steps: Vec<Step>,
+    pub ty: TypeId,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum Root {
+    /// A variable of the POU itself, of a program, or a global one; its declaration says which.
+    Var(VarId),
+    /// `%IX0.0` without a variable.
+    Direct(Location),
+}
+
+#[derive(Clone, Debug)]
+pub struct Step {
+    pub kind: StepKind,
+    /// Type of what the step leads to.
+    pub ty: TypeId,
+}
+
+#[derive(Clone, Debug)]
+pub enum StepKind {
+    /// Field number of the structure type.
+    Field(usize, TypeId),
+    /// Variable of a function block instance.
+    Member(VarId),
+    Index(Vec<Expr>),
+    Bit(u8),
+}
+
+#[derive(Clone, Debug)]
+pub struct Expr {
+    pub kind: ExprKind,
+    pub ty: TypeId,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum ExprKind {
+    Const(Value),
+    Load(Box<Place>),
+    /// The operand has the type of the result.
+    Unary(UnOp, Box<Expr>),
+    /// Both operands have one type, given here; for TIME, `*` and `/` have a LINT or LREAL on the right.
+    Binary(BinOp, Elem, Box<Expr>, Box<Expr>),
+    /// From the elementary type of the operand to that of the result; as explicit conversions do.
+    Convert(Box<Expr>),
+    /// The value must lie within these limits, else the program traps.
+    Check(Box<Expr>, Limits),
+    Std(StdFun, Vec<Expr>),
+    Call(Box<FunctionCall>),
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Limits {
+    Range(i128, i128),
+    /// The values of an enumeration.
+    Values(Vec<i64>),
+}
+
+/// Calls `f` with every place in the statements, those inside expressions included.
+pub fn visit_places(body: &[Stmt], f: &mut dyn FnMut(&Place)) {
+    for stmt in body {
+        match &stmt.kind {
+            StmtKind::Assign(place, value) => {
+                visit_place(place, f);
+                visit_expr(value, f);
+            }
+            StmtKind::Call(call) => visit_call(call, f),
+            StmtKind::Invoke(call) => {
+                if let Some(instance) = &call.instance {
+                    visit_place(instance, f);
+                }
+                call.inputs.iter().for_each(|(_, e)| visit_expr(e, f));
+                call.in_outs.iter().for_each(|p| visit_place(p, f));
+                call.outputs.iter().for_each(|(_, p, _)| visit_place(p, f));
+            }
+            StmtKind::If(branches, otherwise) => {
+                for (condition, body) in branches {
+                    visit_expr(condition, f);
+                    visit_places(body, f);
+                }
+                visit_places(otherwise, f);
+            }
+            StmtKind::Case {
+                selector,
+                branches,
+                otherwise,
+            } => {
+                visit_expr(selector, f);
+                branches.iter().for_each(|(_, body)| visit_places(body, f));
+                visit_places(otherwise, f);
+            }
+            StmtKind::For(data) => {
+                visit_place(&data.var, f);
+                visit_expr(&data.from, f);
+                visit_expr(&data.to, f);
+                visit_expr(&data.by, f);
+                visit_places(&data.body, f);
+            }
+            StmtKind::While(condition, body) | StmtKind::Repeat(body, condition) => {
+                visit_expr(condition, f);
+                visit_places(body, f);
+            }
+            StmtKind::CopyRegion { array, .. } => visit_place(array, f),
+            StmtKind::Exit | StmtKind::Continue | StmtKind::Return => {}
+        }
+    }
+}
+
+/// Calls `f` with the place and with those inside its indices.
+pub fn visit_place(place: &Place, f: &mut dyn FnMut(&Place)) {
+    f(place);
+    for step in &place.steps {
+        if let StepKind::Index(indices) = &step.kind {
+            indices.iter().for_each(|e| visit_expr(e, f));
+        }
+    }
+}
+
+/// Calls `f` with every place that the expression reads.
+pub fn visit_expr(expr: &Expr, f: &mut dyn FnMut(&Place)) {
+    match &expr.kind {
+        ExprKind::Const(_) => {}
+        ExprKind::Load(place) => visit_place(place, f),
+        ExprKind::Unary(_, inner) | ExprKind::Convert(inner) | ExprKind::Check(inner, _) => {
+            visit_expr(inner, f);
+        }
+        ExprKind::Binary(_, _, left, right) => {
+            visit_expr(left, f);
+            visit_expr(right, f);
+        }
+        ExprKind::Std(_, args) => args.iter().for_each(|e| visit_expr(e, f)),
+        ExprKind::Call(call) => visit_call(call, f),
+    }
+}
+
+fn visit_call(call: &FunctionCall, f: &mut dyn FnMut(&Place)) {
+    for arg in &call.args {
+        match arg {
+            Argument::Input(expr) => visit_expr(expr, f),
+            Argument::Output(Some(place)) | Argument::InOut(place) => visit_place(place, f),
+            Argument::Output(None) => {}
+        }
+    }
+}

@@ -1,0 +1,292 @@
+//! Calls of functions, function block instances and programs.
+
+use wasm_encoder::Instruction as I;
+
+use super::fun::{Fun, val};
+use super::place::{Addr, Form, Kept};
+use crate::check::tree::{Argument, Expr, FunctionCall, Invocation, Place, PouId, Root, VarId};
+use crate::syntax::ast::VarSection;
+use crate::types::{Elem, TypeId};
+
+/// A scalar passed by reference that has no ordinary cell: it goes through a cell in scratch memory and back after the call.
+struct WayBack {
+    cell: u32,
+    elem: Elem,
+    target: Target,
+}
+
+enum Target {
+    Local(u32),
+    Memory(Kept),
+    /// A bit of a larger value: stored through the place.
+    Place(Place),
+}
+
+impl Fun<'_, '_> {
+    /// Pushes the result of a function, if it is a scalar.
+    pub fn function_call(&mut self, call: &FunctionCall) {
+        let project = self.m.project;
+        let parameters: Vec<VarId> = self.parameters(call.pou);
+        let mut back = Vec::new();
+        for (parameter, argument) in parameters.iter().zip(&call.args) {
+            match argument {
+                Argument::Input(expr) if project.types.is_aggregate(project.var(*parameter).ty) => {
+                    self.aggregate(expr);
+                }
+                Argument::Input(expr) => self.expr(expr),
+                Argument::InOut(place) => back.extend(self.pass(place)),
+                Argument::Output(_) => {}
+            }
+        }
+        let number = self.m.numbers[&call.pou];
+        self.i(I::Call(number));
+        // The outputs lie above the result, the last one on top.
+        let shape = self.m.shape(call.pou);
+        let mut values = Vec::new();
+        for output in shape.outputs.iter().rev() {
+            let elem = self.elem(project.var(*output).ty);
+            let local = self.temp(val(elem));
+            self.i(I::LocalSet(local));
+            values.push((*output, local, elem));
+        }
+        self.bring_back(back);
+        for (parameter, argument) in parameters.iter().zip(&call.args) {
+            let Argument::Output(Some(place)) = argument else {
+                continue;
+            };
+            match values.iter().find(|(p, _, _)| p == parameter).copied() {
+                Some((_, local, elem)) => {
+                    self.store_converted(place, elem, false, |f| f.i(I::LocalGet(local)))
+                }
+                None => {
+                    let at = self.m.scratch_of(*parameter);
+                    let size = self.m.size_of(place.ty);
+                    self.push_full_address(place);
+                    self.i(I::I32Const(at as i32));
+                    self.copy(size);
+                }
+            }
+        }
+        for (_, local, _) in values {
+            self.release(local);
+        }
+    }
+
+    /// Calls a function whose result is an array or structure and pushes the address of a copy that no later call touches.
+    pub fn aggregate_call(&mut self, call: &FunctionCall, ty: TypeId) {
+        self.function_call(call);
+        let Some(result) = self.m.project.pou(call.pou).result else {
+            return;
+        };
+        let size = self.m.size_of(ty);
+        let from = self.m.scratch_of(result);
+        let own = self.m.allocate(u64::from(size));
+        self.i(I::I32Const(own as i32));
+        self.i(I::I32Const(from as i32));
+        self.copy(size);
+        self.i(I::I32Const(own as i32));
+    }
+
+    fn parameters(&self, pou: PouId) -> Vec<VarId> {
+        let project = self.m.project;
+        let takes = |s| {
+            matches!(
+                s,
+                VarSection::Input | VarSection::Output | VarSection::InOut
+            )
+        };
+        project
+            .pou(pou)
+            .vars
+            .iter()
+            .copied()
+            .filter(|v| takes(project.var(*v).section) && !project.var(*v).constant)
+            .collect()
+    }
+
+    /// Pushes the address under which the callee finds the variable.
+    fn pass(&mut self, place: &Place) -> Option<WayBack> {
+        let project = self.m.project;
+        if project.types.is_aggregate(place.ty) {
+            self.push_full_address(place);
+            return None;
+        }
+        let elem = self.elem(place.ty);
+        let is_bit = matches!(
+            place.steps.last().map(|s| &s.kind),
+            Some(crate::check::tree::StepKind::Bit(_))
+        );
+        let target = if is_bit {
+            Target::Place(place.clone())
+        } else if let Some(local) = self.local_of(place) {
+            Target::Local(local)
+        } else if self.is_ordinary(place) {
+            self.push_full_address(place);
+            return None;
+        } else {
+            Target::Memory(self.keep_address(place))
+        };
+        let cell = self.m.allocate(8);
+        self.i(I::I32Const(0));
+        match &target {
+            Target::Local(local) => self.i(I::LocalGet(*local)),
+            Target::Memory(kept) => {
+                self.push_kept(kept);
+                self.load_from(elem, kept.addr);
+            }
+            Target::Place(place) => self.load(place),
+        }
+        self.store_to(elem, cell_at(cell));
+        self.i(I::I32Const(cell as i32));
+        Some(WayBack { cell, elem, target })
+    }
+
+    /// Whether the scalar lies in an ordinary cell.
+    fn is_ordinary(&self, place: &Place) -> bool {
+        let project = self.m.project;
+        match place.steps.last().map(|s| &s.kind) {
+            Some(crate::check::tree::StepKind::Index(_)) => {
+                !self.elem(place.ty).is_packed_in_arrays()
+            }
+            Some(_) => true,
+            None => match place.root {
+                Root::Var(id) => project.var(id).location.is_none(),
+                Root::Direct(_) => false,
+            },
+        }
+    }
+
+    fn bring_back(&mut self, list: Vec<WayBack>) {
+        for back in list {
+            let from = cell_at(back.cell);
+            match back.target {
+                Target::Local(local) => {
+                    self.i(I::I32Const(0));
+                    self.load_from(back.elem, from);
+                    self.i(I::LocalSet(local));
+                }
+                Target::Memory(kept) => {
+                    self.push_kept(&kept);
+                    self.i(I::I32Const(0));
+                    self.load_from(back.elem, from);
+                    self.store_to(back.elem, kept.addr);
+                    self.release_kept(&kept);
+                }
+                Target::Place(place) => self.store(&place, |f| {
+                    f.i(I::I32Const(0));
+                    f.load_from(back.elem, from);
+                }),
+            }
+        }
+    }
+
+    /// Stores a value of type `from` to a place of the same or a wider type.
+    fn store_converted(
+        &mut self,
+        place: &Place,
+        from: Elem,
+        negated: bool,
+        value: impl FnOnce(&mut Self),
+    ) {
+        let to = self.elem(place.ty);
+        let span = place.span;
+        self.store(place, |f| {
+            value(f);
+            if negated {
+                f.i(I::I32Eqz);
+            }
+            f.convert(from, to, span);
+        });
+    }
+
+    pub fn invoke(&mut self, call: &Invocation) {
+        let project = self.m.project;
+        let base = call.instance.as_ref().map(|place| self.keep_address(place));
+        for (parameter, value) in &call.inputs {
+            self.set_input(base.as_ref(), *parameter, value);
+        }
+        if let Some(kept) = &base {
+            self.push_kept(kept);
+            if kept.addr.offset != 0 {
+                self.i(I::I32Const(kept.addr.offset as i32));
+                self.i(I::I32Add);
+            }
+        }
+        let mut back = Vec::new();
+        for place in &call.in_outs {
+            back.extend(self.pass(place));
+        }
+        let number = self.m.numbers[&call.pou];
+        self.i(I::Call(number));
+        self.bring_back(back);
+        for (parameter, place, negated) in &call.outputs {
+            let ty = project.var(*parameter).ty;
+            let addr = self.member(base.as_ref(), *parameter);
+            if project.types.is_aggregate(ty) {
+                let size = self.m.size_of(ty);
+                self.push_full_address(place);
+                self.push_member(base.as_ref());
+                self.i(I::I32Const(addr.offset as i32));
+                self.i(I::I32Add);
+                self.copy(size);
+                continue;
+            }
+            let elem = self.elem(ty);
+            self.store_converted(place, elem, *negated, |f| {
+                f.push_member(base.as_ref());
+                f.load_from(elem, addr);
+            });
+        }
+        if let Some(kept) = &base {
+            self.release_kept(kept);
+        }
+    }
+
+    fn push_member(&mut self, base: Option<&Kept>) {
+        match base {
+            Some(kept) => self.push_kept(kept),
+            None => self.i(I::I32Const(0)),
+        }
+    }
+
+    /// Where a parameter lies, counted from what `push_member` pushes. Programs have one instance, at a fixed address.
+    fn member(&self, base: Option<&Kept>, var: VarId) -> Addr {
+        let own = self.m.plan.addresses[var.0 as usize];
+        cell_at(own + base.map_or(0, |kept| kept.addr.offset))
+    }
+
+    fn set_input(&mut self, base: Option<&Kept>, parameter: VarId, value: &Expr) {
+        let ty = self.m.project.var(parameter).ty;
+        let addr = self.member(base, parameter);
+        self.push_member(base);
+        if self.m.project.types.is_aggregate(ty) {
+            let size = self.m.size_of(ty);
+            self.i(I::I32Const(addr.offset as i32));
+            self.i(I::I32Add);
+            self.aggregate(value);
+            self.copy(size);
+        } else {
+            let elem = self.elem(ty);
+            self.expr(value);
+            self.store_to(elem, addr);
+        }
+    }
+
+    /// Drops what a call of a function for its effects leaves on the stack.
+    pub fn call_for_effect(&mut self, call: &FunctionCall) {
+        self.function_call(call);
+        let result = self.m.project.pou(call.pou).result;
+        let scalar =
+            result.is_some_and(|r| !self.m.project.types.is_aggregate(self.m.project.var(r).ty));
+        if scalar {
+            self.i(I::Drop);
+        }
+    }
+}
+
+fn cell_at(offset: u32) -> Addr {
+    Addr {
+        offset,
+        form: Form::Cell,
+    }
+}

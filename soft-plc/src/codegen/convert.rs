@@ -1,0 +1,147 @@
+//! Conversions between elementary types; the counterpart of `value::convert`.
+
+use wasm_encoder::{Ieee64, Instruction as I, ValType};
+
+use super::SiteKind;
+use super::fun::{Fun, val};
+use crate::source::Span;
+use crate::types::Elem;
+
+impl Fun<'_, '_> {
+    /// Turns the value on the stack from one type into another.
+    pub fn convert(&mut self, from: Elem, to: Elem, span: Span) {
+        if from == to {
+            return;
+        }
+        match (from.is_real(), to.is_real()) {
+            (true, true) => self.i(if to == Elem::Lreal {
+                I::F64PromoteF32
+            } else {
+                I::F32DemoteF64
+            }),
+            (true, false) => self.real_to(from, to, span),
+            (false, true) => self.as_real(from, to),
+            (false, false) => self.between_integers(from, to),
+        }
+    }
+
+    fn real_to(&mut self, from: Elem, to: Elem, span: Span) {
+        if to == Elem::Bool {
+            if from == Elem::Real {
+                self.i(I::F64PromoteF32);
+            }
+            self.i(I::F64Const(Ieee64::from(0.0)));
+            self.i(I::F64Ne);
+            return;
+        }
+        if to.is_bit() {
+            // The bits, not the number.
+            if from == Elem::Real {
+                self.i(I::I32ReinterpretF32);
+                if val(to) == ValType::I64 {
+                    self.i(I::I64ExtendI32U);
+                }
+            } else {
+                self.i(I::I64ReinterpretF64);
+            }
+            return;
+        }
+        if from == Elem::Real {
+            self.i(I::F64PromoteF32);
+        }
+        self.i(I::F64Nearest);
+        self.whole_to_integer(to, span);
+    }
+
+    /// Turns the whole f64 on the stack into an integer; traps if it does not fit.
+    pub fn whole_to_integer(&mut self, to: Elem, span: Span) {
+        let (lo, hi) = to.limits().unwrap_or((0, 0));
+        let local = self.temp(ValType::F64);
+        self.i(I::LocalTee(local));
+        self.i(I::F64Const(Ieee64::from(lo as f64)));
+        self.i(I::F64Ge);
+        self.i(I::LocalGet(local));
+        self.i(I::F64Const(Ieee64::from((hi + 1) as f64)));
+        self.i(I::F64Lt);
+        self.i(I::I32And);
+        self.i(I::I32Eqz);
+        self.trap_if(SiteKind::Conversion(to.name().to_owned()), span, None);
+        self.i(I::LocalGet(local));
+        self.release(local);
+        let signed = to.is_signed() || to == Elem::Time;
+        self.i(match (val(to), signed) {
+            (ValType::I64, true) => I::I64TruncF64S,
+            (ValType::I64, false) => I::I64TruncF64U,
+            (_, true) => I::I32TruncF64S,
+            (_, false) => I::I32TruncF64U,
+        });
+    }
+
+    fn as_real(&mut self, from: Elem, to: Elem) {
+        if from.is_bit() && from != Elem::Bool {
+            if to == Elem::Real {
+                if val(from) == ValType::I64 {
+                    self.i(I::I32WrapI64);
+                }
+                self.i(I::F32ReinterpretI32);
+            } else {
+                if val(from) == ValType::I32 {
+                    self.i(I::I64ExtendI32U);
+                }
+                self.i(I::F64ReinterpretI64);
+            }
+            return;
+        }
+        let signed = from.is_signed() || from == Elem::Time;
+        self.i(match (val(from), to == Elem::Lreal, signed) {
+            (ValType::I64, true, true) => I::F64ConvertI64S,
+            (ValType::I64, true, false) => I::F64ConvertI64U,
+            (ValType::I64, false, true) => I::F32ConvertI64S,
+            (ValType::I64, false, false) => I::F32ConvertI64U,
+            (_, true, true) => I::F64ConvertI32S,
+            (_, true, false) => I::F64ConvertI32U,
+            (_, false, true) => I::F32ConvertI32S,
+            (_, false, false) => I::F32ConvertI32U,
+        });
+    }
+
+    fn between_integers(&mut self, from: Elem, to: Elem) {
+        let (wide_from, wide_to) = (val(from) == ValType::I64, val(to) == ValType::I64);
+        if to == Elem::Bool {
+            // The last bit of a bit string; whether an integer is not 0.
+            if from.is_bit() {
+                if wide_from {
+                    self.i(I::I32WrapI64);
+                }
+                self.i(I::I32Const(1));
+                self.i(I::I32And);
+            } else if wide_from {
+                self.i(I::I64Const(0));
+                self.i(I::I64Ne);
+            } else {
+                self.i(I::I32Const(0));
+                self.i(I::I32Ne);
+            }
+            return;
+        }
+        match (wide_from, wide_to) {
+            (false, true) => self.i(if from.is_signed() {
+                I::I64ExtendI32S
+            } else {
+                I::I64ExtendI32U
+            }),
+            (true, false) => {
+                self.i(I::I32WrapI64);
+                self.normalise(to);
+            }
+            (false, false) => {
+                let (lo, hi) = from.limits().unwrap_or((0, 0));
+                let (min, max) = to.limits().unwrap_or((0, 0));
+                if lo < min || hi > max {
+                    self.normalise(to);
+                }
+            }
+            (true, true) => {}
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! One function under construction: locals, labels, instructions.
+
+use std::collections::BTreeMap;
+
+use wasm_encoder::{BlockType, Instruction as I, MemArg, ValType};
+
+use super::{SiteKind, State};
+use crate::check::tree::{PouId, VarId};
+use crate::memory::{Filler, is_kept};
+use crate::source::Span;
+use crate::syntax::ast::{PouKind, VarSection};
+use crate::types::{Elem, TypeId};
+
+/// The Wasm type that values of an elementary type are computed in.
+pub fn val(elem: Elem) -> ValType {
+    match elem {
+        Elem::Real => ValType::F32,
+        Elem::Lreal => ValType::F64,
+        e if e.bits() == 64 => ValType::I64,
+        _ => ValType::I32,
+    }
+}
+
+pub fn mem(offset: u32, align: u32) -> MemArg {
+    MemArg {
+        offset: u64::from(offset),
+        align,
+        memory_index: 0,
+    }
+}
+
+/// Where a variable that is not in an instance lives while its POU runs.
+#[derive(Clone, Copy, Debug)]
+pub enum Slot {
+    Local(u32),
+    /// Fixed address of an array or structure.
+    Scratch(u32),
+    /// Local that holds the address (VAR_IN_OUT).
+    Pointer(u32),
+}
+
+pub struct FunctionCode {
+    pub pou: PouId,
+    pub params: Vec<ValType>,
+    pub results: Vec<ValType>,
+    pub locals: Vec<ValType>,
+    pub code: Vec<I<'static>>,
+    pub marks: Vec<(usize, Span)>,
+    pub loops: Vec<(usize, usize, Span)>,
+}
+
+pub struct Fun<'m, 'p> {
+    pub m: &'m mut State<'p>,
+    pub pou: PouId,
+    params: Vec<ValType>,
+    locals: Vec<ValType>,
+    free: Vec<(ValType, u32)>,
+    pub code: Vec<I<'static>>,
+    pub slots: BTreeMap<VarId, Slot>,
+    marks: Vec<(usize, Span)>,
+    pub loops: Vec<(usize, usize, Span)>,
+    /// Number of open blocks.
+    pub depth: u32,
+    /// Depth of the block that EXIT leaves and of the one that CONTINUE goes to, innermost last.
+    pub labels: Vec<(u32, u32)>,
+}
+
+/// Parameters and results of a POU's function.
+pub struct Shape {
+    pub params: Vec<ValType>,
+    pub results: Vec<ValType>,
+    /// Scalar VAR_OUTPUTs of a function, in the order of the results after the function's own.
+    pub outputs: Vec<VarId>,
+}
+
+impl<'p> State<'p> {
+    pub fn shape(&self, pou: PouId) -> Shape {
+        let project = self.project;
+        let mut shape = Shape {
+            params: Vec::new(),
+            results: Vec::new(),
+            outputs: Vec::new(),
+        };
+        let unit = project.pou(pou);
+        if unit.kind == PouKind::FunctionBlock {
+            shape.params.push(ValType::I32);
+        }
+        if let Some(result) = unit.result
+            && let Some(elem) = project.types.elem(project.var(result).ty)
+        {
+            shape.results.push(val(elem));
+        }
+        for id in &unit.vars {
+            let var = project.var(*id);
+            let scalar = project.types.elem(var.ty).map(val);
+            match var.section {
+                VarSection::InOut => shape.params.push(ValType::I32),
+                VarSection::Input if unit.kind == PouKind::Function && !var.constant => {
+                    shape.params.push(scalar.unwrap_or(ValType::I32));
+                }
+                VarSection::Output if unit.kind == PouKind::Function => {
+                    if let Some(scalar) = scalar {
+                        shape.results.push(scalar);
+                        shape.outputs.push(*id);
+                    }
+                }
+                _ => {}
+            }
+        }
+        shape
+    }
+
+    pub fn size_of(&mut self, ty: TypeId) -> u32 {
+        self.plan.sizes.of(self.project, ty).0 as u32
+    }
+
+    /// Scratch memory of a temporary array or structure: the same for all calls of its POU.
+    pub fn scratch_of(&mut self, var: VarId) -> u32 {
+        if let Some(at) = self.scratch.get(&var) {
+            return *at;
+        }
+        let size = self.size_of(self.project.var(var).ty);
+        let at = self.allocate(u64::from(size));
+        self.scratch.insert(var, at);
+        at
+    }
+}
+
+impl<'m, 'p> Fun<'m, 'p> {
+    pub fn compile(m: &'m mut State<'p>, pou: PouId) -> FunctionCode {
+        let project = m.project;
+        let shape = m.shape(pou);
+        let mut fun = Fun {
+            m,
+            pou,
+            params: shape.params.clone(),
+            locals: Vec::new(),
+            free: Vec::new(),
+            code: Vec::new(),
+            slots: BTreeMap::new(),
+            marks: Vec::new(),
+            loops: Vec::new(),
+            depth: 0,
+            labels: Vec::new(),
+        };
+        fun.prologue();
+        // RETURN leaves this block.
+        fun.open(I::Block(BlockType::Empty));
+        fun.stmts(&project.pou(pou).body);
+        fun.close();
+        let results = project
+            .pou(pou)
+            .result
+            .into_iter()
+            .chain(shape.outputs.iter().copied());
+        for var in results {
+            if let Some(Slot::Local(local)) = fun.slots.get(&var).copied() {
+                fun.i(I::LocalGet(local));
+            }
+        }
+        fun.i(I::End);
+        FunctionCode {
+            pou,
+            params: shape.params,
+            results: shape.results,
+            locals: fun.locals,
+            code: fun.code,
+            marks: fun.marks,
+            loops: fun.loops,
+        }
+    }
+
+    /// Gives every parameter and temporary variable its place and its initial value.
+    fn prologue(&mut self) {
+        let project = self.m.project;
+        let unit = project.pou(self.pou);
+        let is_function = unit.kind == PouKind::Function;
+        let mut param = u32::from(unit.kind == PouKind::FunctionBlock);
+        let mut vars: Vec<VarId> = unit.vars.clone();
+        vars.extend(unit.result);
+        for id in vars {
+            let var = project.var(id);
+            if var.constant || (is_kept(var) && !is_function) || var.location.is_some() {
+                continue;
+            }
+            let scalar = project.types.elem(var.ty);
+            match (var.section, scalar) {
+                (VarSection::InOut, _) => {
+                    self.slots.insert(id, Slot::Pointer(param));
+                    param += 1;
+                }
+                (VarSection::Input, Some(_)) => {
+                    self.slots.insert(id, Slot::Local(param));
+                    param += 1;
+                }
+                (VarSection::Input, None) => {
+                    // Passed by address, owned by the callee: copied.
+                    let at = self.m.scratch_of(id);
+                    let size = self.m.size_of(var.ty);
+                    self.i(I::I32Const(at as i32));
+                    self.i(I::LocalGet(param));
+                    self.copy(size);
+                    self.slots.insert(id, Slot::Scratch(at));
+                    param += 1;
+                }
+                (_, Some(elem)) => {
+                    let local = self.new_local(val(elem));
+                    self.slots.insert(id, Slot::Local(local));
+                    let value = match &var.init {
+                        Some(crate::check::tree::InitValue::Scalar(value)) => Some(*value),
+                        _ => project.types.default_value(var.ty),
+                    };
+                    let zero = crate::value::Value::zero(elem);
+                    if let Some(value) = value.filter(|v| *v != zero) {
+                        self.constant(value, elem);
+                        self.i(I::LocalSet(local));
+                    }
+                }
+                (_, None) => self.prepare_scratch(id),
+            }
+        }
+    }
+
+    fn prepare_scratch(&mut self, id: VarId) {
+        let project = self.m.project;
+        let var = project.var(id);
+        let at = self.m.scratch_of(id);
+        let size = self.m.size_of(var.ty);
+        let mut bytes = vec![0; size as usize];
+        let mut filler = Filler {
+            project,
+            sizes: &mut self.m.plan.sizes,
+        };
+        filler.variable(&mut bytes, var.ty, var.init.as_ref());
+        self.i(I::I32Const(at as i32));
+        if bytes.iter().all(|b| *b == 0) {
+            self.i(I::I32Const(0));
+            self.i(I::I32Const(size as i32));
+            self.i(I::MemoryFill(0));
+        } else {
+            let image = self.m.allocate(u64::from(size));
+            self.m.data.push((image, bytes));
+            self.i(I::I32Const(image as i32));
+            self.copy(size);
+        }
+        self.slots.insert(id, Slot::Scratch(at));
+    }
+
+    pub fn i(&mut self, instruction: I<'static>) {
+        self.code.push(instruction);
+    }
+
+    /// Copies `size` bytes; destination and source addresses are on the stack.
+    pub fn copy(&mut self, size: u32) {
+        self.i(I::I32Const(size as i32));
+        self.i(I::MemoryCopy {
+            src_mem: 0,
+            dst_mem: 0,
+        });
+    }
+
+    pub fn mark(&mut self, span: Span) {
+        self.marks.push((self.code.len(), span));
+    }
+
+    /// Opens a block, loop or if; answers its depth, for `br`.
+    pub fn open(&mut self, instruction: I<'static>) -> u32 {
+        self.i(instruction);
+        self.depth += 1;
+        self.depth
+    }
+
+    pub fn close(&mut self) {
+        self.i(I::End);
+        self.depth -= 1;
+    }
+
+    /// The label that leads from here to the block of this depth.
+    pub fn label(&self, target: u32) -> u32 {
+        self.depth - target
+    }
+
+    fn new_local(&mut self, ty: ValType) -> u32 {
+        self.locals.push(ty);
+        (self.params.len() + self.locals.len()) as u32 - 1
+    }
+
+    /// A local for a moment; give it back with `release`.
+    pub fn temp(&mut self, ty: ValType) -> u32 {
+        match self.free.iter().position(|(t, _)| *t == ty) {
+            Some(index) => self.free.swap_remove(index).1,
+            None => self.new_local(ty),
+        }
+    }
+
+    pub fn release(&mut self, local: u32) {
+        let index = local as usize - self.params.len();
+        self.free.push((self.locals[index], local));
+    }
+
+    /// Traps if the i32 on the stack is not 0. `detail` is a local with the value at fault.
+    pub fn trap_if(&mut self, kind: SiteKind, span: Span, detail: Option<(u32, Elem)>) {
+        let site = self.m.site(kind, self.pou, span);
+        self.open(I::If(BlockType::Empty));
+        self.i(I::I32Const(site));
+        match detail {
+            Some((local, elem)) => {
+                self.i(I::LocalGet(local));
+                if val(elem) == ValType::I32 {
+                    let unsigned = matches!(elem, Elem::Udint | Elem::Dword);
+                    self.i(if unsigned {
+                        I::I64ExtendI32U
+                    } else {
+                        I::I64ExtendI32S
+                    });
+                }
+            }
+            None => self.i(I::I64Const(0)),
+        }
+        self.i(I::Call(0));
+        self.i(I::Unreachable);
+        self.close();
+    }
+
+    pub fn elem(&self, ty: TypeId) -> Elem {
+        self.m.project.types.elem(ty).unwrap_or(Elem::Dint)
+    }
+}

@@ -1,0 +1,355 @@
+//! From the typed tree to a WebAssembly module.
+//!
+//! One Wasm function for each program, function block and function that the entry reaches. A function block's function takes
+//! the address of its instance and of its VAR_IN_OUTs; a function takes its inputs by value (arrays and structures by
+//! address) and gives its result and outputs as results. POUs do not recurse, so temporary arrays and structures have fixed
+//! addresses in scratch memory. Run-time checks call `$trap(site, detail)`, which notes both in the system area and stops.
+
+mod call;
+mod convert;
+mod expr;
+mod fun;
+mod place;
+mod stdfun;
+mod stmt;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use wasm_encoder::{
+    CodeSection, ConstExpr, DataSection, EntityType, ExportKind, ExportSection, Function,
+    FunctionSection, ImportSection, Instruction, MemArg, MemorySection, MemoryType, Module,
+    TypeSection, ValType,
+};
+
+use crate::check::tree::{PouId, TypedProject};
+use crate::diag::{Diagnostic, Problem, finish_all};
+use crate::layout::{CompileSpec, Layout, Plan};
+use crate::memory::{MEMORY_BYTES_MAX, TRAP_DETAIL_AT, TRAP_SITE_AT, round_up};
+use crate::source::Span;
+use fun::{Fun, FunctionCode};
+
+/// Name of the exported function that runs one scan.
+pub const SCAN_EXPORT: &str = "scan";
+/// Name of the exported linear memory.
+pub const MEMORY_EXPORT: &str = "memory";
+/// Module name of the imported mathematical functions.
+pub const MATH_MODULE: &str = "math";
+
+const PAGE_BYTES: u64 = 65_536;
+/// Function number from which on a call means an import, until the imports are counted.
+const IMPORT_BASE: u32 = 0x4000_0000;
+
+/// A compiled MC: module, layout, and what is needed to name the place of a trap.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct CompiledMc {
+    pub wasm: Vec<u8>,
+    pub layout: Layout,
+    /// Site n (counted from 1) is `sites[n - 1]`.
+    pub sites: Vec<Site>,
+    pub code_map: CodeMap,
+    /// Equal for equal logic and layout: what two controllers compare before they share an MC.
+    pub logic_hash: u64,
+}
+
+/// A place in the program at which a run-time check may fail.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Site {
+    pub kind: SiteKind,
+    pub pou: String,
+    pub file: String,
+    pub line: u32,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SiteKind {
+    DivisionByZero,
+    /// Bounds of the dimension.
+    Index(i64, i64),
+    /// Limits of the subrange.
+    Range(i64, i64),
+    /// The enumeration that has no such value.
+    Enumeration(String),
+    /// MUX with a selector beyond its inputs (their number).
+    Selector(i64),
+    /// The integer type that the real number does not fit.
+    Conversion(String),
+}
+
+/// Lines of the code: for traps that have no site, such as an endless loop.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CodeMap {
+    /// Number of the first function of the list, after imports and helpers.
+    pub first_function: u32,
+    pub functions: Vec<FunctionMap>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FunctionMap {
+    pub pou: String,
+    pub file: String,
+    /// Offset in the function's body and line of each statement, ascending.
+    pub lines: Vec<(u32, u32)>,
+    /// Offsets of start and end, and line, of each loop; inner loops stand before outer ones.
+    pub loops: Vec<(u32, u32, u32)>,
+}
+
+/// Compiles the entry program of `spec` and all that it reaches.
+pub fn compile(project: &TypedProject, spec: &CompileSpec) -> Result<CompiledMc, Vec<Diagnostic>> {
+    let plan = Plan::new(project, spec)?;
+    let mut state = State::new(project, plan);
+    let mut functions = Vec::new();
+    for pou in state.order.clone() {
+        functions.push(Fun::compile(&mut state, pou));
+    }
+    let needed = round_up(u64::from(state.scratch_at), 8);
+    if needed > MEMORY_BYTES_MAX {
+        let message = format!(
+            "variables and temporary values take {needed} bytes, and an MC has at most {MEMORY_BYTES_MAX}"
+        );
+        state.problems.push(Problem::general("E505", message));
+    }
+    if !state.problems.is_empty() {
+        return Err(finish_all(state.problems, &project.sources));
+    }
+    Ok(state.assemble(&functions, needed))
+}
+
+/// What all functions share while they are compiled.
+struct State<'p> {
+    project: &'p TypedProject,
+    plan: Plan,
+    /// POUs with code, in the order of their functions.
+    order: Vec<PouId>,
+    numbers: BTreeMap<PouId, u32>,
+    imports: Vec<(&'static str, Vec<ValType>, ValType)>,
+    sites: Vec<Site>,
+    scratch_at: u32,
+    /// Initial images of temporary arrays and structures.
+    data: Vec<(u32, Vec<u8>)>,
+    problems: Vec<Problem>,
+    /// Scratch memory of temporary arrays and structures, by variable.
+    scratch: BTreeMap<crate::check::tree::VarId, u32>,
+}
+
+impl<'p> State<'p> {
+    fn new(project: &'p TypedProject, plan: Plan) -> Self {
+        let order: Vec<PouId> = (0..project.pous.len() as u32)
+            .map(PouId)
+            .filter(|p| plan.reachable[p.0 as usize])
+            .collect();
+        // Function 0 is `$trap`.
+        let numbers = order
+            .iter()
+            .enumerate()
+            .map(|(i, p)| (*p, i as u32 + 1))
+            .collect();
+        let scratch_at = plan.scratch_at;
+        Self {
+            project,
+            plan,
+            order,
+            numbers,
+            imports: Vec::new(),
+            sites: Vec::new(),
+            scratch_at,
+            data: Vec::new(),
+            problems: Vec::new(),
+            scratch: BTreeMap::new(),
+        }
+    }
+
+    /// Scratch memory that nothing else uses.
+    fn allocate(&mut self, bytes: u64) -> u32 {
+        let at = self.scratch_at;
+        let end = round_up(u64::from(at) + bytes, 8);
+        self.scratch_at = u32::try_from(end).unwrap_or(u32::MAX);
+        at
+    }
+
+    fn import(&mut self, name: &'static str, params: &[ValType], result: ValType) -> u32 {
+        let found = self.imports.iter().position(|(n, _, _)| *n == name);
+        let index = found.unwrap_or_else(|| {
+            self.imports.push((name, params.to_vec(), result));
+            self.imports.len() - 1
+        });
+        IMPORT_BASE + index as u32
+    }
+
+    /// A new trap site; answers its number.
+    fn site(&mut self, kind: SiteKind, pou: PouId, span: Span) -> i32 {
+        let source = self.project.sources.get(span.source);
+        self.sites.push(Site {
+            kind,
+            pou: self.project.pou(pou).name.clone(),
+            file: source.name.clone(),
+            line: source.position(span.start).line,
+        });
+        self.sites.len() as i32
+    }
+
+    fn assemble(self, functions: &[FunctionCode], needed: u64) -> CompiledMc {
+        let import_count = self.imports.len() as u32;
+        let mut types = TypeSection::new();
+        let mut imports = ImportSection::new();
+        for (name, params, result) in &self.imports {
+            imports.import(MATH_MODULE, name, EntityType::Function(types.len()));
+            types.ty().function(params.iter().copied(), [*result]);
+        }
+        let mut function_section = FunctionSection::new();
+        let mut code = CodeSection::new();
+        function_section.function(types.len());
+        types.ty().function([ValType::I32, ValType::I64], []);
+        code.function(&trap_function());
+        let mut code_map = CodeMap {
+            first_function: import_count + 1,
+            functions: Vec::new(),
+        };
+        for function in functions {
+            function_section.function(types.len());
+            types.ty().function(
+                function.params.iter().copied(),
+                function.results.iter().copied(),
+            );
+            let (body, map) = self.encode(function, import_count);
+            code.function(&body);
+            code_map.functions.push(map);
+        }
+        let mut memory = MemorySection::new();
+        let pages = needed.div_ceil(PAGE_BYTES).max(1);
+        memory.memory(MemoryType {
+            minimum: pages,
+            maximum: Some(pages),
+            memory64: false,
+            shared: false,
+            page_size_log2: None,
+        });
+        let mut exports = ExportSection::new();
+        let entry = self.numbers[&self.plan.entry] + import_count;
+        exports.export(SCAN_EXPORT, ExportKind::Func, entry);
+        exports.export(MEMORY_EXPORT, ExportKind::Memory, 0);
+        let mut data = DataSection::new();
+        let initial = self.plan.initial_data();
+        let own = self.data.iter().map(|(at, bytes)| (*at, bytes.as_slice()));
+        for (at, bytes) in initial.into_iter().chain(own) {
+            for (start, run) in runs(bytes) {
+                let address = ConstExpr::i32_const((at + start) as i32);
+                data.active(0, &address, run.iter().copied());
+            }
+        }
+        let mut module = Module::new();
+        module.section(&types);
+        if import_count > 0 {
+            module.section(&imports);
+        }
+        module
+            .section(&function_section)
+            .section(&memory)
+            .section(&exports)
+            .section(&code)
+            .section(&data);
+        let wasm = module.finish();
+        let layout = self.plan.layout;
+        let mut hasher = xxhash_rust::xxh3::Xxh3::new();
+        hasher.update(&wasm);
+        hasher.update(&layout.hash().to_le_bytes());
+        CompiledMc {
+            wasm,
+            layout,
+            sites: self.sites,
+            code_map,
+            logic_hash: hasher.digest(),
+        }
+    }
+
+    /// Writes the instructions and notes at which byte each statement and loop stands.
+    fn encode(&self, function: &FunctionCode, import_count: u32) -> (Function, FunctionMap) {
+        let mut body = Function::new_with_locals_types(function.locals.iter().copied());
+        let pou = self.project.pou(function.pou);
+        let mut map = FunctionMap {
+            pou: pou.name.clone(),
+            file: self.project.sources.get(pou.name_span.source).name.clone(),
+            ..FunctionMap::default()
+        };
+        let line = |span: &Span| self.project.sources.position(*span).line;
+        let mut offsets = Vec::with_capacity(function.code.len() + 1);
+        for instruction in &function.code {
+            offsets.push(body.byte_len() as u32);
+            match instruction {
+                Instruction::Call(n) if *n >= IMPORT_BASE => {
+                    body.instruction(&Instruction::Call(n - IMPORT_BASE));
+                }
+                Instruction::Call(n) => {
+                    body.instruction(&Instruction::Call(n + import_count));
+                }
+                other => {
+                    body.instruction(other);
+                }
+            }
+        }
+        offsets.push(body.byte_len() as u32);
+        map.lines = function
+            .marks
+            .iter()
+            .map(|(at, span)| (offsets[*at], line(span)))
+            .collect();
+        map.loops = function
+            .loops
+            .iter()
+            .map(|(from, to, span)| (offsets[*from], offsets[*to], line(span)))
+            .collect();
+        if let Some((_, span)) = function.marks.first() {
+            map.file
+                .clone_from(&self.project.sources.get(span.source).name);
+        }
+        (body, map)
+    }
+}
+
+fn trap_function() -> Function {
+    let mut f = Function::new([]);
+    let at = |offset: u32, align: u32| MemArg {
+        offset: u64::from(offset),
+        align,
+        memory_index: 0,
+    };
+    for instruction in [
+        Instruction::I32Const(0),
+        Instruction::LocalGet(0),
+        Instruction::I32Store(at(TRAP_SITE_AT, 2)),
+        Instruction::I32Const(0),
+        Instruction::LocalGet(1),
+        Instruction::I64Store(at(TRAP_DETAIL_AT, 3)),
+        Instruction::Unreachable,
+        Instruction::End,
+    ] {
+        f.instruction(&instruction);
+    }
+    f
+}
+
+/// The parts of `bytes` that are not zero; short gaps stay inside a run.
+fn runs(bytes: &[u8]) -> Vec<(u32, &[u8])> {
+    const GAP: usize = 16;
+    let mut out = Vec::new();
+    let mut at = 0;
+    while let Some(skip) = bytes[at..].iter().position(|b| *b != 0) {
+        let start = at + skip;
+        let mut end = start + 1;
+        let mut zeros = 0;
+        let mut i = end;
+        while i < bytes.len() && zeros < GAP {
+            if bytes[i] == 0 {
+                zeros += 1;
+            } else {
+                zeros = 0;
+                end = i + 1;
+            }
+            i += 1;
+        }
+        out.push((start as u32, &bytes[start..end]));
+        at = end;
+    }
+    out
+}

@@ -1,0 +1,355 @@
+//! Statements.
+
+use std::borrow::Cow;
+
+use wasm_encoder::{BlockType, Instruction as I, ValType};
+
+use super::expr::simple;
+use super::fun::{Fun, val};
+use crate::check::tree::{Branch, Expr, ExprKind, For, Place, Stmt, StmtKind};
+use crate::diag::Problem;
+use crate::source::Span;
+use crate::syntax::ast::BinOp;
+use crate::types::{Elem, TypeKind};
+use crate::value::Value;
+
+/// A CASE becomes a jump table if it has at least this many values ...
+const TABLE_VALUES_MIN: usize = 4;
+/// ... and they span at most this many numbers.
+const TABLE_SPAN_MAX: i64 = 1024;
+
+impl Fun<'_, '_> {
+    pub fn stmts(&mut self, list: &[Stmt]) {
+        for stmt in list {
+            self.mark(stmt.span);
+            self.stmt(stmt);
+        }
+    }
+
+    fn stmt(&mut self, stmt: &Stmt) {
+        match &stmt.kind {
+            StmtKind::Assign(place, value) => self.assign(place, value),
+            StmtKind::Call(call) => self.call_for_effect(call),
+            StmtKind::Invoke(call) => self.invoke(call),
+            StmtKind::If(branches, otherwise) => self.if_chain(branches, otherwise),
+            StmtKind::Case {
+                selector,
+                branches,
+                otherwise,
+            } => self.case(selector, branches, otherwise),
+            StmtKind::For(data) => self.for_loop(data, stmt.span),
+            StmtKind::While(condition, body) => {
+                let start = self.code.len();
+                let exit = self.open(I::Block(BlockType::Empty));
+                let top = self.open(I::Loop(BlockType::Empty));
+                self.expr(condition);
+                self.i(I::I32Eqz);
+                self.i(I::BrIf(self.label(exit)));
+                self.labels.push((exit, top));
+                self.stmts(body);
+                self.labels.pop();
+                self.i(I::Br(self.label(top)));
+                self.end_loop(start, stmt.span);
+            }
+            StmtKind::Repeat(body, condition) => {
+                let start = self.code.len();
+                let exit = self.open(I::Block(BlockType::Empty));
+                let top = self.open(I::Loop(BlockType::Empty));
+                let next = self.open(I::Block(BlockType::Empty));
+                self.labels.push((exit, next));
+                self.stmts(body);
+                self.labels.pop();
+                self.close();
+                self.expr(condition);
+                self.i(I::I32Eqz);
+                self.i(I::BrIf(self.label(top)));
+                self.end_loop(start, stmt.span);
+            }
+            StmtKind::Exit => {
+                if let Some((exit, _)) = self.labels.last().copied() {
+                    self.i(I::Br(self.label(exit)));
+                }
+            }
+            StmtKind::Continue => {
+                if let Some((_, next)) = self.labels.last().copied() {
+                    self.i(I::Br(self.label(next)));
+                }
+            }
+            // The outermost block is the body.
+            StmtKind::Return => self.i(I::Br(self.label(1))),
+            StmtKind::CopyRegion {
+                region,
+                array,
+                to_bytes,
+            } => self.copy_region(region, array, *to_bytes, stmt.span),
+        }
+    }
+
+    fn end_loop(&mut self, start: usize, span: Span) {
+        self.close();
+        self.close();
+        self.loops.push((start, self.code.len(), span));
+    }
+
+    fn assign(&mut self, place: &Place, value: &Expr) {
+        if self.m.project.types.is_aggregate(place.ty) {
+            let size = self.m.size_of(place.ty);
+            self.push_full_address(place);
+            self.aggregate(value);
+            self.copy(size);
+        } else {
+            self.store(place, |f| f.expr(value));
+        }
+    }
+
+    fn if_chain(&mut self, branches: &[(Expr, Vec<Stmt>)], otherwise: &[Stmt]) {
+        for (index, (condition, body)) in branches.iter().enumerate() {
+            self.expr(condition);
+            self.open(I::If(BlockType::Empty));
+            self.stmts(body);
+            if index + 1 < branches.len() || !otherwise.is_empty() {
+                self.i(I::Else);
+            }
+        }
+        self.stmts(otherwise);
+        for _ in branches {
+            self.close();
+        }
+    }
+
+    fn case(&mut self, selector: &Expr, branches: &[Branch], otherwise: &[Stmt]) {
+        let elem = self.elem(selector.ty);
+        let local = self.spill(selector);
+        let all: Vec<(i64, i64)> = branches.iter().flat_map(|b| b.0.iter().copied()).collect();
+        let min = all.iter().map(|r| r.0).min().unwrap_or(0);
+        let max = all.iter().map(|r| r.1).max().unwrap_or(0);
+        let span = max.saturating_sub(min).saturating_add(1);
+        let use_table = val(elem) == ValType::I32
+            && all.len() >= TABLE_VALUES_MIN
+            && span <= TABLE_SPAN_MAX
+            && span <= 8 * all.len() as i64 + 16;
+        if use_table {
+            self.case_table(local, min, span, branches, otherwise);
+        } else {
+            self.case_chain(local, elem, branches, otherwise);
+        }
+        self.release(local);
+    }
+
+    fn case_table(
+        &mut self,
+        local: u32,
+        min: i64,
+        span: i64,
+        branches: &[Branch],
+        otherwise: &[Stmt],
+    ) {
+        let count = branches.len() as u32;
+        let mut table = vec![count; span as usize];
+        for (number, (ranges, _)) in branches.iter().enumerate() {
+            for (low, high) in ranges {
+                for value in *low..=*high {
+                    table[(value - min) as usize] = number as u32;
+                }
+            }
+        }
+        let exit = self.open(I::Block(BlockType::Empty));
+        for _ in 0..=count {
+            self.open(I::Block(BlockType::Empty));
+        }
+        self.i(I::LocalGet(local));
+        if min != 0 {
+            self.i(I::I32Const(min as i32));
+            self.i(I::I32Sub);
+        }
+        self.i(I::BrTable(Cow::Owned(table), count));
+        for (_, body) in branches {
+            self.close();
+            self.stmts(body);
+            self.i(I::Br(self.label(exit)));
+        }
+        self.close();
+        self.stmts(otherwise);
+        self.close();
+    }
+
+    fn case_chain(&mut self, local: u32, elem: Elem, branches: &[Branch], otherwise: &[Stmt]) {
+        let exit = self.open(I::Block(BlockType::Empty));
+        for (ranges, body) in branches {
+            if ranges.is_empty() {
+                continue;
+            }
+            for (number, (low, high)) in ranges.iter().enumerate() {
+                let bound = |v: i64| Value::from_i128(elem, i128::from(v));
+                self.i(I::LocalGet(local));
+                self.constant(bound(*low), elem);
+                if low == high {
+                    self.i(simple(BinOp::Eq, elem));
+                } else {
+                    self.i(simple(BinOp::Ge, elem));
+                    self.i(I::LocalGet(local));
+                    self.constant(bound(*high), elem);
+                    self.i(simple(BinOp::Le, elem));
+                    self.i(I::I32And);
+                }
+                if number > 0 {
+                    self.i(I::I32Or);
+                }
+            }
+            self.open(I::If(BlockType::Empty));
+            self.stmts(body);
+            self.i(I::Br(self.label(exit)));
+            self.close();
+        }
+        self.stmts(otherwise);
+        self.close();
+    }
+
+    /// The end and the step are evaluated once. A loop up to the largest value of its type ends: the distance to the end is
+    /// tested before the step is added, where adding it could wrap.
+    fn for_loop(&mut self, data: &For, span: Span) {
+        let elem = self.elem(data.var.ty);
+        let ty = val(elem);
+        let wide = ty == ValType::I64;
+        self.store(&data.var, |f| f.expr(&data.from));
+        let known = |e: &Expr| match &e.kind {
+            ExprKind::Const(v) => v.as_i128(),
+            _ => None,
+        };
+        let end = known(&data.to).is_none().then(|| self.spill(&data.to));
+        let step = known(&data.by).is_none().then(|| self.spill(&data.by));
+        let start = self.code.len();
+        let exit = self.open(I::Block(BlockType::Empty));
+        let top = self.open(I::Loop(BlockType::Empty));
+
+        let push_end = |f: &mut Self| match end {
+            Some(local) => f.i(I::LocalGet(local)),
+            None => f.expr(&data.to),
+        };
+        let push_step = |f: &mut Self| match step {
+            Some(local) => f.i(I::LocalGet(local)),
+            None => f.expr(&data.by),
+        };
+        let zero = if wide { I::I64Const(0) } else { I::I32Const(0) };
+        let subtract = if wide { I::I64Sub } else { I::I32Sub };
+        let below = if wide { I::I64LtU } else { I::I32LtU };
+        let upwards = known(&data.by).map(|s| s > 0);
+
+        // Past the end?
+        let push_past = |f: &mut Self, up: bool| {
+            f.load(&data.var);
+            push_end(f);
+            f.i(simple(if up { BinOp::Gt } else { BinOp::Lt }, elem));
+        };
+        // Does the next step go past the end? With the value in `local`.
+        let push_last = |f: &mut Self, up: bool, local: u32| {
+            if up {
+                push_end(f);
+                f.i(I::LocalGet(local));
+            } else {
+                f.i(I::LocalGet(local));
+                push_end(f);
+            }
+            f.i(subtract.clone());
+            if up {
+                push_step(f);
+            } else {
+                f.i(zero.clone());
+                push_step(f);
+                f.i(subtract.clone());
+            }
+            f.i(below.clone());
+        };
+        let either = |f: &mut Self, up: &dyn Fn(&mut Self, bool)| match upwards {
+            Some(direction) => up(f, direction),
+            None => {
+                push_step(f);
+                f.i(zero.clone());
+                f.i(simple(BinOp::Ge, elem));
+                f.open(I::If(BlockType::Result(ValType::I32)));
+                up(f, true);
+                f.i(I::Else);
+                up(f, false);
+                f.close();
+            }
+        };
+        either(self, &push_past);
+        self.i(I::BrIf(self.label(exit)));
+        let next = self.open(I::Block(BlockType::Empty));
+        self.labels.push((exit, next));
+        self.stmts(&data.body);
+        self.labels.pop();
+        self.close();
+        let current = self.temp(ty);
+        self.load(&data.var);
+        self.i(I::LocalSet(current));
+        self.store(&data.var, |f| {
+            f.i(I::LocalGet(current));
+            push_step(f);
+            f.i(simple(BinOp::Add, elem));
+            f.normalise_integer(elem);
+        });
+        let limits = elem.limits().unwrap_or((0, 0));
+        let cannot_wrap = match (known(&data.to), known(&data.by)) {
+            (Some(to), Some(by)) => (limits.0..=limits.1).contains(&(to + by)),
+            _ => false,
+        };
+        if cannot_wrap {
+            self.i(I::Br(self.label(top)));
+        } else {
+            either(self, &|f, up| push_last(f, up, current));
+            self.i(I::I32Eqz);
+            self.i(I::BrIf(self.label(top)));
+        }
+        self.release(current);
+        self.end_loop(start, span);
+        for local in [end, step].into_iter().flatten() {
+            self.release(local);
+        }
+    }
+
+    fn normalise_integer(&mut self, elem: Elem) {
+        if val(elem) == ValType::I32 {
+            self.normalise(elem);
+        }
+    }
+
+    fn copy_region(&mut self, name: &str, array: &Place, to_bytes: bool, span: Span) {
+        let Some(region) = self.m.plan.layout.region(name).cloned() else {
+            let names: Vec<&str> = self
+                .m
+                .plan
+                .layout
+                .regions
+                .iter()
+                .map(|r| r.name.as_str())
+                .collect();
+            let problem = Problem::error("E507", span, format!("there is no region `{name}`"))
+                .expected(format!("one of {}", names.join(", ")));
+            self.m.problems.push(problem);
+            return;
+        };
+        let bytes = match self.m.project.types.kind(array.ty) {
+            TypeKind::Array { dims, .. } => dims.iter().map(|(l, h)| h - l + 1).product(),
+            _ => 0i64,
+        };
+        if bytes != i64::from(region.len) {
+            let message = format!(
+                "the region `{name}` has {} bytes and the array has {bytes}",
+                region.len
+            );
+            let problem = Problem::error("E506", span, message)
+                .expected(format!("ARRAY[0..{}] OF BYTE", i64::from(region.len) - 1));
+            self.m.problems.push(problem);
+            return;
+        }
+        if to_bytes {
+            self.push_full_address(array);
+            self.i(I::I32Const(region.offset as i32));
+        } else {
+            self.i(I::I32Const(region.offset as i32));
+            self.push_full_address(array);
+        }
+        self.copy(region.len);
+    }
+}

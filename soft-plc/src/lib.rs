@@ -1,0 +1,34 @@
+//! The soft-PLC: IEC 61131-3 logic in, WebAssembly out, run by Wasmtime.
+//!
+//! `parse_project` (text to syntax tree) > `check` (typed tree) > `layout_of`, `compile` (memory layout, Wasm) >
+//! `Engine::prepare`, `Instance::scan`. No clock, no network, no randomness: MC time and inputs are arguments of a scan.
+
+pub mod check;
+pub mod codegen;
+pub mod diag;
+pub mod layout;
+pub mod memory;
+mod plcopen;
+pub mod project;
+pub mod runtime;
+pub mod source;
+pub mod syntax;
+pub mod types;
+pub mod value;
+
+pub use check::tree::TypedProject;
+pub use check::{CheckOptions, check, check_expression, evaluate};
+pub use codegen::{CompiledMc, compile};
+pub use diag::{Diagnostic, Severity};
+pub use layout::{
+    Area, CompileSpec, FieldNode, Layout, Region, RegionSpec, TypeNode, VariableInfo, WORK_REGION,
+    layout_of,
+};
+pub use project::{parse_expression, parse_project};
+pub use runtime::{
+    Engine, EngineOptions, Instance, Interruption, Module, RuntimeError, Trap, TrapKind, WriteError,
+};
+pub use source::SourceFile;
+pub use syntax::ast::Project;
+pub use types::Elem;
+pub use value::Value;

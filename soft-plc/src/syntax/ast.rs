@@ -1,0 +1,317 @@
+//! The syntax tree: what was written, with spans, before any name is looked up.
+
+use std::fmt;
+use std::sync::Arc;
+
+use crate::source::{Sources, Span};
+use crate::types::Elem;
+
+#[derive(Clone, Debug)]
+pub struct Ident {
+    pub name: String,
+    pub span: Span,
+}
+
+/// All that was read: the sources and everything declared in them.
+#[derive(Clone, Debug, Default)]
+pub struct Project {
+    pub sources: Arc<Sources>,
+    pub types: Vec<TypeDecl>,
+    pub pous: Vec<Pou>,
+    pub globals: Vec<VarBlock>,
+    pub configurations: Vec<Configuration>,
+    /// POUs of the built-in library (timers, counters, edges); a project's own POU of the same name takes precedence.
+    pub library: Vec<Pou>,
+}
+
+#[derive(Clone, Debug)]
+pub struct TypeDecl {
+    pub name: Ident,
+    pub spec: TypeSpec,
+    pub init: Option<Init>,
+}
+
+#[derive(Clone, Debug)]
+pub struct TypeSpec {
+    pub kind: TypeSpecKind,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum TypeSpecKind {
+    Named(Ident),
+    Str {
+        wide: bool,
+        len: Option<Box<Expr>>,
+    },
+    Array {
+        dims: Vec<(Expr, Expr)>,
+        elem: Box<TypeSpec>,
+    },
+    Subrange {
+        base: Ident,
+        lo: Box<Expr>,
+        hi: Box<Expr>,
+    },
+    Enum {
+        base: Option<Ident>,
+        values: Vec<(Ident, Option<Expr>)>,
+    },
+    Struct {
+        fields: Vec<VarDecl>,
+    },
+}
+
+/// An initial value.
+#[derive(Clone, Debug)]
+pub enum Init {
+    Expr(Expr),
+    /// `[1, 2, 3(0)]`; the count is the repetition.
+    Array(Vec<(Option<Expr>, Init)>, Span),
+    /// `(a := 1, b := [2, 3])`
+    Struct(Vec<(Ident, Init)>, Span),
+}
+
+impl Init {
+    pub fn span(&self) -> Span {
+        match self {
+            Init::Expr(e) => e.span,
+            Init::Array(_, span) | Init::Struct(_, span) => *span,
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct VarDecl {
+    pub name: Ident,
+    /// `AT %IX3.5`
+    pub location: Option<Ident>,
+    pub spec: TypeSpec,
+    pub init: Option<Init>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum VarSection {
+    Local,
+    Input,
+    Output,
+    InOut,
+    External,
+    Global,
+    Temp,
+}
+
+impl fmt::Display for VarSection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            VarSection::Local => "VAR",
+            VarSection::Input => "VAR_INPUT",
+            VarSection::Output => "VAR_OUTPUT",
+            VarSection::InOut => "VAR_IN_OUT",
+            VarSection::External => "VAR_EXTERNAL",
+            VarSection::Global => "VAR_GLOBAL",
+            VarSection::Temp => "VAR_TEMP",
+        })
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct VarBlock {
+    pub section: VarSection,
+    pub constant: bool,
+    pub retain: bool,
+    pub decls: Vec<VarDecl>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum PouKind {
+    Program,
+    Function,
+    FunctionBlock,
+}
+
+impl fmt::Display for PouKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            PouKind::Program => "PROGRAM",
+            PouKind::Function => "FUNCTION",
+            PouKind::FunctionBlock => "FUNCTION_BLOCK",
+        })
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Pou {
+    pub kind: PouKind,
+    pub name: Ident,
+    pub result: Option<TypeSpec>,
+    pub vars: Vec<VarBlock>,
+    pub body: Vec<Stmt>,
+}
+
+/// CONFIGURATION with its resources: which programs run in which tasks.
+#[derive(Clone, Debug, Default)]
+pub struct Configuration {
+    pub name: String,
+    pub resources: Vec<Resource>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Resource {
+    pub name: String,
+    pub tasks: Vec<Task>,
+    pub instances: Vec<ProgramInstance>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Task {
+    pub name: String,
+    pub interval_ns: Option<i64>,
+    pub single: Option<String>,
+    pub priority: i32,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ProgramInstance {
+    pub name: String,
+    pub program: String,
+    pub task: Option<String>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Stmt {
+    pub kind: StmtKind,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum StmtKind {
+    Assign(Expr, Expr),
+    /// A call of a function block, program or function whose result is not used.
+    Call(Expr),
+    /// Conditions with their statements, in order, then ELSE.
+    If(Vec<(Expr, Vec<Stmt>)>, Vec<Stmt>),
+    Case(Expr, Vec<(Vec<CaseLabel>, Vec<Stmt>)>, Option<Vec<Stmt>>),
+    For(Box<ForLoop>),
+    While(Expr, Vec<Stmt>),
+    Repeat(Vec<Stmt>, Expr),
+    Exit,
+    Continue,
+    Return,
+    Empty,
+}
+
+#[derive(Clone, Debug)]
+pub struct ForLoop {
+    pub var: Expr,
+    pub from: Expr,
+    pub to: Expr,
+    pub by: Option<Expr>,
+    pub body: Vec<Stmt>,
+}
+
+#[derive(Clone, Debug)]
+pub enum CaseLabel {
+    Single(Expr),
+    Range(Expr, Expr),
+}
+
+#[derive(Clone, Debug)]
+pub struct Expr {
+    pub kind: ExprKind,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum ExprKind {
+    /// An integer without type prefix.
+    Int(i128),
+    Real(f64),
+    Bool(bool),
+    /// Nanoseconds.
+    Time(i64),
+    Str(String),
+    /// `INT#5`, `REAL#1.0`: the value is still as written.
+    Typed(Elem, Box<Expr>),
+    /// `Color#Red`
+    EnumValue(Ident, Ident),
+    Name(String),
+    /// `%IX3.5`
+    Direct(String),
+    Field(Box<Expr>, Ident),
+    /// `w.3`: bit 3 of a bit string or integer.
+    Bit(Box<Expr>, u32),
+    Index(Box<Expr>, Vec<Expr>),
+    Call(Box<Expr>, Vec<Arg>),
+    Unary(UnOp, Box<Expr>),
+    Binary(BinOp, Box<Expr>, Box<Expr>),
+}
+
+#[derive(Clone, Debug)]
+pub struct Arg {
+    /// Name of the parameter in a formal call.
+    pub name: Option<Ident>,
+    /// `q => x`
+    pub output: bool,
+    /// `NOT q => x`
+    pub negated: bool,
+    pub value: Option<Expr>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum UnOp {
+    Neg,
+    Not,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum BinOp {
+    Add,
+    Sub,
+    Mul,
+    Div,
+    Mod,
+    Pow,
+    And,
+    Or,
+    Xor,
+    Eq,
+    Ne,
+    Lt,
+    Le,
+    Gt,
+    Ge,
+}
+
+impl BinOp {
+    pub fn is_comparison(self) -> bool {
+        matches!(
+            self,
+            BinOp::Eq | BinOp::Ne | BinOp::Lt | BinOp::Le | BinOp::Gt | BinOp::Ge
+        )
+    }
+
+    pub fn is_logic(self) -> bool {
+        matches!(self, BinOp::And | BinOp::Or | BinOp::Xor)
+    }
+
+    pub fn text(self) -> &'static str {
+        match self {
+            BinOp::Add => "+",
+            BinOp::Sub => "-",
+            BinOp::Mul => "*",
+            BinOp::Div => "/",
+            BinOp::Mod => "MOD",
+            BinOp::Pow => "**",
+            BinOp::And => "AND",
+            BinOp::Or => "OR",
+            BinOp::Xor => "XOR",
+            BinOp::Eq => "=",
+            BinOp::Ne => "<>",
+            BinOp::Lt => "<",
+            BinOp::Le => "<=",
+            BinOp::Gt => ">",
+            BinOp::Ge => ">=",
+        }
+    }
+}

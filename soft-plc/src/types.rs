@@ -1,0 +1,436 @@
+//! Data types (IEC 61131-3, clause 6.4): elementary types, derived types, and the table that holds them.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::check::tree::{InitValue, PouId};
+use crate::value::Value;
+
+/// Elementary data types.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "UPPERCASE")]
+pub enum Elem {
+    Bool,
+    Sint,
+    Int,
+    Dint,
+    Lint,
+    Usint,
+    Uint,
+    Udint,
+    Ulint,
+    Byte,
+    Word,
+    Dword,
+    Lword,
+    Real,
+    Lreal,
+    /// Signed 64-bit nanoseconds.
+    Time,
+}
+
+impl Elem {
+    pub const ALL: [Elem; 16] = [
+        Elem::Bool,
+        Elem::Sint,
+        Elem::Int,
+        Elem::Dint,
+        Elem::Lint,
+        Elem::Usint,
+        Elem::Uint,
+        Elem::Udint,
+        Elem::Ulint,
+        Elem::Byte,
+        Elem::Word,
+        Elem::Dword,
+        Elem::Lword,
+        Elem::Real,
+        Elem::Lreal,
+        Elem::Time,
+    ];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Elem::Bool => "BOOL",
+            Elem::Sint => "SINT",
+            Elem::Int => "INT",
+            Elem::Dint => "DINT",
+            Elem::Lint => "LINT",
+            Elem::Usint => "USINT",
+            Elem::Uint => "UINT",
+            Elem::Udint => "UDINT",
+            Elem::Ulint => "ULINT",
+            Elem::Byte => "BYTE",
+            Elem::Word => "WORD",
+            Elem::Dword => "DWORD",
+            Elem::Lword => "LWORD",
+            Elem::Real => "REAL",
+            Elem::Lreal => "LREAL",
+            Elem::Time => "TIME",
+        }
+    }
+
+    pub fn from_name(name: &str) -> Option<Elem> {
+        Elem::ALL
+            .into_iter()
+            .find(|e| e.name().eq_ignore_ascii_case(name))
+            .or_else(|| name.eq_ignore_ascii_case("LTIME").then_some(Elem::Time))
+    }
+
+    pub fn is_signed(self) -> bool {
+        matches!(self, Elem::Sint | Elem::Int | Elem::Dint | Elem::Lint)
+    }
+
+    pub fn is_unsigned(self) -> bool {
+        matches!(self, Elem::Usint | Elem::Uint | Elem::Udint | Elem::Ulint)
+    }
+
+    /// ANY_INT
+    pub fn is_int(self) -> bool {
+        self.is_signed() || self.is_unsigned()
+    }
+
+    /// ANY_BIT: BOOL and the bit strings.
+    pub fn is_bit(self) -> bool {
+        matches!(
+            self,
+            Elem::Bool | Elem::Byte | Elem::Word | Elem::Dword | Elem::Lword
+        )
+    }
+
+    /// ANY_REAL
+    pub fn is_real(self) -> bool {
+        matches!(self, Elem::Real | Elem::Lreal)
+    }
+
+    /// ANY_NUM
+    pub fn is_num(self) -> bool {
+        self.is_int() || self.is_real()
+    }
+
+    pub fn bits(self) -> u32 {
+        match self {
+            Elem::Bool => 1,
+            Elem::Sint | Elem::Usint | Elem::Byte => 8,
+            Elem::Int | Elem::Uint | Elem::Word => 16,
+            Elem::Dint | Elem::Udint | Elem::Dword | Elem::Real => 32,
+            Elem::Lint | Elem::Ulint | Elem::Lword | Elem::Lreal | Elem::Time => 64,
+        }
+    }
+
+    /// Bytes in the process image; BOOL takes a bit there and has no width of its own.
+    pub fn image_bytes(self) -> u32 {
+        self.bits().div_ceil(8)
+    }
+
+    /// Bytes of a variable's cell in memory.
+    pub fn cell_bytes(self) -> u32 {
+        if self.bits() == 64 { 8 } else { 4 }
+    }
+
+    /// Whether elements of an array of this type are packed one to a byte.
+    pub fn is_packed_in_arrays(self) -> bool {
+        self.bits() <= 8
+    }
+
+    /// Smallest and largest value of an integer, bit string, BOOL or TIME.
+    pub fn limits(self) -> Option<(i128, i128)> {
+        if self.is_real() {
+            return None;
+        }
+        let bits = self.bits();
+        Some(if self.is_signed() || self == Elem::Time {
+            (-(1i128 << (bits - 1)), (1i128 << (bits - 1)) - 1)
+        } else {
+            (0, (1i128 << bits) - 1)
+        })
+    }
+
+    /// Implicit conversions (third edition, figure 11): those that lose nothing.
+    pub fn widens_to(self, to: Elem) -> bool {
+        use Elem::{
+            Bool, Byte, Dint, Dword, Int, Lint, Lreal, Lword, Real, Sint, Udint, Uint, Ulint,
+            Usint, Word,
+        };
+        self == to
+            || match self {
+                Bool => matches!(to, Byte | Word | Dword | Lword),
+                Byte => matches!(to, Word | Dword | Lword),
+                Word => matches!(to, Dword | Lword),
+                Dword => to == Lword,
+                Sint => matches!(to, Int | Dint | Lint | Real | Lreal),
+                Int => matches!(to, Dint | Lint | Real | Lreal),
+                Dint => matches!(to, Lint | Lreal),
+                Usint => matches!(to, Uint | Udint | Ulint | Int | Dint | Lint | Real | Lreal),
+                Uint => matches!(to, Udint | Ulint | Dint | Lint | Real | Lreal),
+                Udint => matches!(to, Ulint | Lint | Lreal),
+                Real => to == Lreal,
+                _ => false,
+            }
+    }
+
+    /// The smallest type that both widen to.
+    pub fn common(self, other: Elem) -> Option<Elem> {
+        const ORDER: [Elem; 16] = [
+            Elem::Bool,
+            Elem::Byte,
+            Elem::Word,
+            Elem::Dword,
+            Elem::Lword,
+            Elem::Usint,
+            Elem::Sint,
+            Elem::Uint,
+            Elem::Int,
+            Elem::Udint,
+            Elem::Dint,
+            Elem::Ulint,
+            Elem::Lint,
+            Elem::Real,
+            Elem::Lreal,
+            Elem::Time,
+        ];
+        ORDER
+            .into_iter()
+            .find(|to| self.widens_to(*to) && other.widens_to(*to))
+    }
+}
+
+impl fmt::Display for Elem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Number of a type in its `TypeTable`. The elementary types come first, in the order of `Elem::ALL`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct TypeId(pub u32);
+
+impl TypeId {
+    pub const BOOL: TypeId = TypeId(Elem::Bool as u32);
+    pub const TIME: TypeId = TypeId(Elem::Time as u32);
+    /// Type of an integer literal that has not met its context yet.
+    pub const UNTYPED_INT: TypeId = TypeId(16);
+    pub const UNTYPED_REAL: TypeId = TypeId(17);
+    /// No value: the result of a function without result.
+    pub const VOID: TypeId = TypeId(18);
+    /// Something wrong that has been reported; it fits everywhere.
+    pub const ERROR: TypeId = TypeId(19);
+
+    pub fn of(elem: Elem) -> TypeId {
+        TypeId(elem as u32)
+    }
+}
+
+#[derive(Clone, Debug)]
+pub enum TypeKind {
+    Elem(Elem),
+    UntypedInt,
+    UntypedReal,
+    Void,
+    Error,
+    Enum {
+        base: Elem,
+        values: Vec<(String, i64)>,
+    },
+    Subrange {
+        base: Elem,
+        lo: i128,
+        hi: i128,
+    },
+    Array {
+        /// Lower and upper bound of each dimension.
+        dims: Vec<(i64, i64)>,
+        elem: TypeId,
+    },
+    Struct {
+        fields: Vec<Field>,
+    },
+    FunctionBlock(PouId),
+}
+
+#[derive(Clone, Debug)]
+pub struct Field {
+    pub name: String,
+    pub ty: TypeId,
+    pub init: Option<InitValue>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Type {
+    pub name: Option<String>,
+    pub kind: TypeKind,
+    /// Initial value that the type's declaration gives.
+    pub init: Option<InitValue>,
+    /// The type that this one is another name for, or itself.
+    pub same_as: TypeId,
+    /// For an alias: the type named in its declaration.
+    pub alias_of: Option<TypeId>,
+}
+
+#[derive(Clone, Debug)]
+pub struct TypeTable {
+    list: Vec<Type>,
+}
+
+impl Default for TypeTable {
+    fn default() -> Self {
+        let mut table = Self { list: Vec::new() };
+        for elem in Elem::ALL {
+            table.add(Some(elem.name().to_owned()), TypeKind::Elem(elem));
+        }
+        table.add(None, TypeKind::UntypedInt);
+        table.add(None, TypeKind::UntypedReal);
+        table.add(None, TypeKind::Void);
+        table.add(None, TypeKind::Error);
+        table
+    }
+}
+
+impl TypeTable {
+    pub fn add(&mut self, name: Option<String>, kind: TypeKind) -> TypeId {
+        let id = TypeId(self.list.len() as u32);
+        self.list.push(Type {
+            name,
+            kind,
+            init: None,
+            same_as: id,
+            alias_of: None,
+        });
+        id
+    }
+
+    /// Another name for `of`; an initial value of its own is set afterwards.
+    pub fn add_alias(&mut self, name: String, of: TypeId) -> TypeId {
+        let id = self.add(Some(name), TypeKind::Error);
+        let same_as = self.get(of).same_as;
+        let alias = &mut self.list[id.0 as usize];
+        alias.same_as = same_as;
+        alias.alias_of = Some(of);
+        id
+    }
+
+    /// The array type with these bounds: one for each structure, so that equal arrays have equal types.
+    pub fn array(&mut self, dims: Vec<(i64, i64)>, elem: TypeId) -> TypeId {
+        let found = self.list.iter().position(|t| {
+            t.name.is_none()
+                && matches!(&t.kind, TypeKind::Array { dims: d, elem: e } if *d == dims && *e == elem)
+        });
+        match found {
+            Some(index) => TypeId(index as u32),
+            None => self.add(None, TypeKind::Array { dims, elem }),
+        }
+    }
+
+    pub fn set_init(&mut self, id: TypeId, init: InitValue) {
+        self.list[id.0 as usize].init = Some(init);
+    }
+
+    pub fn set_kind(&mut self, id: TypeId, kind: TypeKind) {
+        self.list[id.0 as usize].kind = kind;
+    }
+
+    pub fn get(&self, id: TypeId) -> &Type {
+        &self.list[id.0 as usize]
+    }
+
+    pub fn kind(&self, id: TypeId) -> &TypeKind {
+        &self.get(self.get(id).same_as).kind
+    }
+
+    /// The initial value that the declaration of the type, or of the type that it is an alias of, gives.
+    pub fn init(&self, id: TypeId) -> Option<&InitValue> {
+        let ty = self.get(id);
+        ty.init
+            .as_ref()
+            .or_else(|| ty.alias_of.and_then(|of| self.init(of)))
+    }
+
+    pub fn set_field_init(&mut self, id: TypeId, field: usize, init: InitValue) {
+        let root = self.get(id).same_as;
+        if let TypeKind::Struct { fields } = &mut self.list[root.0 as usize].kind {
+            fields[field].init = Some(init);
+        }
+    }
+
+    /// The elementary type that values of this type are computed in: itself, or the base of an enumeration or subrange.
+    pub fn elem(&self, id: TypeId) -> Option<Elem> {
+        match self.kind(id) {
+            TypeKind::Elem(e) => Some(*e),
+            TypeKind::Enum { base, .. } | TypeKind::Subrange { base, .. } => Some(*base),
+            _ => None,
+        }
+    }
+
+    pub fn is_enum(&self, id: TypeId) -> bool {
+        matches!(self.kind(id), TypeKind::Enum { .. })
+    }
+
+    pub fn is_aggregate(&self, id: TypeId) -> bool {
+        matches!(
+            self.kind(id),
+            TypeKind::Array { .. } | TypeKind::Struct { .. } | TypeKind::FunctionBlock(_)
+        )
+    }
+
+    /// Whether both are the same type, aliases seen through.
+    pub fn same(&self, a: TypeId, b: TypeId) -> bool {
+        let (a, b) = (self.get(a).same_as, self.get(b).same_as);
+        a == b
+            || match (self.kind(a), self.kind(b)) {
+                (
+                    TypeKind::Array { dims: da, elem: ea },
+                    TypeKind::Array { dims: db, elem: eb },
+                ) => da == db && self.same(*ea, *eb),
+                _ => false,
+            }
+    }
+
+    /// The name of the type as the user would write it.
+    pub fn name(&self, id: TypeId) -> String {
+        let ty = self.get(id);
+        if let Some(name) = &ty.name {
+            return name.clone();
+        }
+        match self.kind(id) {
+            TypeKind::Elem(e) => e.name().into(),
+            TypeKind::UntypedInt => "an integer literal".into(),
+            TypeKind::UntypedReal => "a real literal".into(),
+            TypeKind::Void => "no value".into(),
+            TypeKind::Error => "an unknown type".into(),
+            TypeKind::Enum { values, .. } => {
+                let names: Vec<&str> = values.iter().map(|v| v.0.as_str()).collect();
+                format!("({})", names.join(", "))
+            }
+            TypeKind::Subrange { base, lo, hi } => format!("{base}({lo}..{hi})"),
+            TypeKind::Array { dims, elem } => {
+                let dims: Vec<String> = dims.iter().map(|(l, h)| format!("{l}..{h}")).collect();
+                format!("ARRAY[{}] OF {}", dims.join(", "), self.name(*elem))
+            }
+            TypeKind::Struct { .. } => "STRUCT".into(),
+            TypeKind::FunctionBlock(_) => "a function block".into(),
+        }
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = (TypeId, &Type)> {
+        self.list
+            .iter()
+            .enumerate()
+            .map(|(i, t)| (TypeId(i as u32), t))
+    }
+
+    /// The value that a variable of this elementary, enumerated or subrange type has when nothing else is said.
+    pub fn default_value(&self, id: TypeId) -> Option<Value> {
+        if let Some(InitValue::Scalar(value)) = self.init(id) {
+            return Some(*value);
+        }
+        Some(match self.kind(id) {
+            TypeKind::Elem(e) => Value::zero(*e),
+            TypeKind::Enum { base, values } => {
+                Value::from_i128(*base, i128::from(values.first().map_or(0, |v| v.1)))
+            }
+            TypeKind::Subrange { base, lo, hi } => Value::from_i128(*base, 0.clamp(*lo, *hi)),
+            _ => return None,
+        })
+    }
+}

@@ -1,0 +1,14 @@
+//! Tests of the soft-PLC from text to running program. One binary, so that the engine is linked once.
+
+mod checkpoint;
+mod common;
+mod diagnostics;
+mod expressions;
+mod hostile;
+mod layout;
+mod plcopen;
+mod properties;
+mod regions;
+mod runtime;
+mod semantics;
+mod traps;

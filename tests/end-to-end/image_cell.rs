@@ -1,0 +1,128 @@
+//! A small cell on the `image` driver, with real processes: operators' commands, crashes, traps, clean ends.
+
+mod support;
+
+use support::{ImageCell, until};
+
+#[test]
+fn mcs_are_placed_moved_drained_and_survive_a_crash() {
+    let cell = ImageCell::start();
+    let mut first = cell.node("controller1");
+    for mc in ["Feeder", "Press"] {
+        cell.wait_runs_on(mc, "controller1");
+    }
+    let mut second = cell.node("controller2");
+    until("controller2 is up", || {
+        let status = cell.status()?;
+        let c = status["controllers"].as_array()?.iter().find(|c| c["controller"] == "controller2")?.clone();
+        (c["up"] == true && !c["report"].is_null()).then_some(())
+    });
+    cell.operate(&["move", "Feeder", "--to", "controller2"]);
+    cell.wait_runs_on("Feeder", "controller2");
+    cell.operate(&["pin", "Feeder"]);
+    let epoch = |mc: &str| {
+        let status = cell.status().unwrap();
+        status["mcs"].as_array().unwrap().iter().find(|m| m["mc"] == mc).unwrap()["epoch"].as_u64().unwrap()
+    };
+    let before = epoch("Feeder");
+    second.child.kill().unwrap();
+    cell.wait_runs_on("Feeder", "controller1");
+    assert!(epoch("Feeder") > before, "a failover has a new epoch");
+    cell.operate(&["unpin", "Feeder"]);
+
+    let third = cell.node("controller2");
+    cell.operate(&["drain", "controller1"]);
+    for mc in ["Feeder", "Press"] {
+        cell.wait_runs_on(mc, "controller2");
+    }
+    assert!(first.terminate().success(), "a drained node ends cleanly:\n{}", first.text());
+    drop(third);
+}
+
+#[test]
+fn a_stopped_mc_stays_stopped_until_its_reset() {
+    let cell = ImageCell::start();
+    let _node = cell.node("controller1");
+    cell.wait_runs_on("Feeder", "controller1");
+    cell.operate(&["stop", "Feeder"]);
+    until("Feeder is stopped", || {
+        let status = cell.status()?;
+        (status["mcs"].as_array()?.iter().find(|m| m["mc"] == "Feeder")?["record"] == "stopped").then_some(())
+    });
+    let (code, _, err) = cell.try_operate(&["move", "Feeder", "--to", "controller1"]);
+    assert_ne!(code, 0);
+    assert!(err.contains("reset"), "the refusal says what to do: {err}");
+    cell.operate(&["reset", "Feeder", "--cold"]);
+    cell.wait_runs_on("Feeder", "controller1");
+}
+
+#[test]
+fn every_process_ends_cleanly_on_sigterm_and_a_node_hands_over_first() {
+    let mut cell = ImageCell::start();
+    let mut first = cell.node("controller1");
+    cell.wait_runs_on("Press", "controller1");
+    let mut second = cell.node("controller2");
+    until("controller2 is up", || {
+        let status = cell.status()?;
+        status["controllers"].as_array()?.iter().find(|c| c["controller"] == "controller2" && c["up"] == true).map(|_| ())
+    });
+    assert!(first.terminate().success(), "{}", first.text());
+    // Handed over, not failed over: the new owner runs before the old one is gone.
+    for mc in ["Feeder", "Press"] {
+        cell.wait_runs_on(mc, "controller2");
+    }
+    let events = cell.operate(&["events", "--json"]);
+    assert!(events.lines().any(|e| e.contains("mc-released")), "{events}");
+    assert!(second.terminate().success(), "{}", second.text());
+    assert!(cell.manager.take().unwrap().terminate().success());
+    assert!(cell.gateway.take().unwrap().terminate().success());
+}
+
+#[test]
+fn manager_and_gateway_can_be_killed_and_started_again() {
+    let mut cell = ImageCell::start();
+    let _first = cell.node("controller1");
+    cell.wait_runs_on("Press", "controller1");
+    let scan = |cell: &ImageCell| {
+        let status = cell.status().unwrap();
+        status["mcs"].as_array().unwrap().iter().find(|m| m["mc"] == "Press").map(|m| (m["epoch"].as_u64().unwrap(), m["scan"].as_u64().unwrap())).unwrap()
+    };
+    let (epoch, before) = scan(&cell);
+    cell.manager.as_mut().unwrap().child.kill().unwrap();
+    cell.start_manager();
+    cell.wait_runs_on("Press", "controller1");
+    let (same, after) = scan(&cell);
+    assert_eq!(same, epoch, "a new manager takes the plant as it finds it");
+    assert!(after > before);
+
+    cell.gateway.as_mut().unwrap().child.kill().unwrap();
+    cell.start_gateway();
+    until("Press runs again, from its record", || {
+        let status = cell.status()?;
+        let press = status["mcs"].as_array()?.iter().find(|m| m["mc"] == "Press")?.clone();
+        (press["record"] == "open" && press["epoch"].as_u64()? > epoch && press["scan"].as_u64()? > after).then_some(())
+    });
+}
+
+#[test]
+fn points_are_set_and_read_as_csv() {
+    let cell = ImageCell::start();
+    let _node = cell.node("controller1");
+    cell.wait_runs_on("Feeder", "controller1");
+    let io = |args: &[&str]| {
+        let mut all = vec!["io"];
+        all.extend(args);
+        all.extend(["--name", "two_stations", "--endpoint", cell.gateway_endpoint.as_str(), "--gateway", "gateway1"]);
+        support::run(&all)
+    };
+    let (code, out, err) = io(&["get"]);
+    assert_eq!(code, 0, "{err}");
+    assert!(out.starts_with("name,direction,bits,value"), "{out}");
+    let point = out.lines().nth(1).unwrap().split(',').next().unwrap().to_owned();
+    let (code, _, err) = io(&["set", "NoSuchPoint=1"]);
+    assert_ne!(code, 0);
+    assert!(err.contains("NoSuchPoint"), "{err}");
+    let (code, out, err) = io(&["get", &point]);
+    assert_eq!(code, 0, "{err}");
+    assert_eq!(out.lines().count(), 2, "{out}");
+}

@@ -1,0 +1,27 @@
+//! **A trap is not passed on** (point 9): an MC that has stopped safely, or whose fault is on record, is opened only with a reset.
+
+use super::{Ended, Facts, Invariant, Seen};
+
+pub(super) struct StoppedStaysStopped;
+
+impl Invariant for StoppedStaysStopped {
+    fn name(&self) -> &'static str {
+        "stopped stays stopped"
+    }
+
+    fn see(&mut self, seen: &Seen<'_>, facts: &Facts) -> Result<(), String> {
+        let Seen::Granted { opened, owner, .. } = seen else {
+            return Ok(());
+        };
+        let grant = facts.mc(&opened.mc)?.grant.as_ref();
+        match grant.and_then(|g| g.ended.as_ref()) {
+            Some(ended @ (Ended::Stopped | Ended::Faulted)) if opened.reset.is_none() => {
+                Err(format!(
+                    "{}: epoch {} is granted to {owner} without a reset after {ended:?}",
+                    opened.mc, opened.epoch
+                ))
+            }
+            _ => Ok(()),
+        }
+    }
+}

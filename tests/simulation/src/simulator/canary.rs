@@ -1,0 +1,56 @@
+//! Planted bugs, each of which breaks one promise: they prove that the checkers bite.
+//!
+//! They lie around the real state machines, in what the simulator hands in and takes out, and nowhere in the product.
+
+/// A planted bug.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Canary {
+    /// The gateway finds no records at its restart.
+    GatewayForgetsRecords,
+    /// The gateway finds at its restart the head before the last one.
+    GatewayLosesNewestHead,
+    /// The gateway grants every open as if an operator had forced it.
+    GatewayForcesOpens,
+    /// The gateway lets frames of deposed owners through, and nodes do not heed the record.
+    DeposedOwnerDrives,
+    /// An order to activate reaches a second controller, too, and the gateway grants it the epoch.
+    OrderDoubled,
+    /// The gateway does not say that the fail-safe values stand.
+    FailSafeForgotten,
+    /// The gateway's answer does not carry the reset on.
+    ResetForgotten,
+    /// The gateway's answers to opens get lost for good after a while.
+    AnswersLost,
+    /// Blocks of epochs are acknowledged and never written.
+    EpochsForgotten,
+    /// An epoch begins from the state before the one that it names.
+    StaleStart,
+    /// An epoch begins with MC time 0.
+    McTimeRestarts,
+    /// An epoch does not care how old its inputs are.
+    OldInputs,
+    /// The recovery of a critical interval is left out.
+    RecoverySkipped,
+    /// The scan thread releases anywhere.
+    ReleaseAnywhere,
+}
+
+impl Canary {
+    /// All of them, each with the invariant that has to find it.
+    pub const ALL: [(Canary, &'static str); 14] = [
+        (Canary::GatewayForgetsRecords, "nothing that the plant has seen is lost"),
+        (Canary::GatewayLosesNewestHead, "nothing that the plant has seen is lost"),
+        (Canary::GatewayForcesOpens, "a healthy owner keeps its MC"),
+        (Canary::DeposedOwnerDrives, "one driver"),
+        (Canary::OrderDoubled, "only the named successor goes on"),
+        (Canary::FailSafeForgotten, "outputs fail safe, and it latches"),
+        (Canary::ResetForgotten, "stopped stays stopped"),
+        (Canary::AnswersLost, "an MC that an able controller hosts is driven"),
+        (Canary::EpochsForgotten, "epochs are never reused"),
+        (Canary::StaleStart, "no invented state"),
+        (Canary::McTimeRestarts, "MC time grows by one cycle a scan"),
+        (Canary::OldInputs, "inputs never grow older"),
+        (Canary::RecoverySkipped, "critical intervals are answered as declared"),
+        (Canary::ReleaseAnywhere, "planned moves never start in a critical interval"),
+    ];
+}

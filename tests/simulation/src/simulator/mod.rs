@@ -1,0 +1,121 @@
+//! A whole cell in one thread and virtual time: the real agents, the real cores of gateway, node and repository, a network and disks
+//! that fail, and the invariants of the safety contract checked after every event. A seed says everything.
+//!
+//! ```text
+//!  seed ──> cell (controllers, MCs, hosting) ──> schedule of faults ──> run ──> quiet time ──> liveness
+//!                                                  after each event: all invariants
+//! ```
+//!
+//! The processes are driven as the production driver drives them: outputs strictly in order, `Persist` answered before the next output.
+//! Not simulated: compiled logic (a model MC runs instead), threads inside a process other than the scan thread, the clients' side of
+//! commands beyond sending them.
+
+mod canary;
+mod cell;
+mod faults;
+mod gateway;
+mod log;
+mod manager;
+mod network;
+mod nodes;
+mod quiet;
+mod random;
+mod time;
+mod trouble;
+mod world;
+
+pub use canary::Canary;
+pub use cell::{Cell, FAIL_SAFE, McInfo, Size, TICK_US};
+pub use faults::{Fault, Trouble, schedule};
+pub use network::{Network, Pid, Weather};
+pub use random::Random;
+pub use time::{Clock, Queue};
+
+use crate::invariants::Violation;
+use std::collections::BTreeMap;
+use world::World;
+
+/// What is simulated, beside the seed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Options {
+    /// Bounds of the cell.
+    pub size: Size,
+    /// How much goes wrong.
+    pub trouble: Trouble,
+    /// After the last fault every MC has to be driven within this time, in microseconds.
+    pub bound_us: u64,
+    /// The manager's repository is the real one on a simulated disk, not a copy in memory.
+    pub disk: bool,
+    /// A planted bug.
+    pub canary: Option<Canary>,
+    /// Whether the event log is written.
+    pub log: bool,
+}
+
+impl Default for Options {
+    fn default() -> Options {
+        Options {
+            size: Size {
+                controllers: (2, 4),
+                mcs: (1, 5),
+            },
+            trouble: Trouble {
+                from_us: 300_000,
+                to_us: 3_000_000,
+                faults: (5, 12),
+            },
+            bound_us: 8_000_000,
+            disk: false,
+            canary: None,
+            log: false,
+        }
+    }
+}
+
+/// What came of a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Outcome {
+    /// The seed.
+    pub seed: u64,
+    /// Promises broken: the run ends at the first event that breaks one.
+    pub violations: Vec<Violation>,
+    /// Faults that were carried out, by kind.
+    pub faults: BTreeMap<&'static str, u64>,
+    /// What the cell did, by kind: so that a schedule in which nothing happened is seen.
+    pub deeds: BTreeMap<&'static str, u64>,
+    /// Events handled.
+    pub events: u64,
+    /// Virtual time that passed, in microseconds.
+    pub virtual_us: u64,
+    /// How long after the last fault all MCs were driven again, in microseconds.
+    pub recovered_us: u64,
+    /// Digest of all events.
+    pub digest: u64,
+    /// The event log, if it was asked for.
+    pub log: Vec<String>,
+}
+
+/// Runs the schedule of a seed.
+#[must_use]
+pub fn run(seed: u64, options: &Options) -> Outcome {
+    World::new(seed, options).run()
+}
+
+/// Runs the schedule of a seed once more with its log, and puts all into one text: for the one who has to find the cause.
+#[must_use]
+pub fn explain(seed: u64, options: &Options) -> String {
+    let options = Options {
+        log: true,
+        ..options.clone()
+    };
+    let outcome = run(seed, &options);
+    let mut text = format!("seed {seed}\n");
+    for line in &outcome.log {
+        text.push_str(line);
+        text.push('\n');
+    }
+    for violation in &outcome.violations {
+        text.push_str(&format!("VIOLATION {violation}\n"));
+    }
+    text
+}

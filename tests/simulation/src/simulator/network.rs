@@ -1,0 +1,179 @@
+//! The network between processes: delay, loss, duplication, reordering, cuts in either direction.
+//!
+//! In calm weather a link keeps its order and loses nothing, as TCP does. What is sent into a cut is lost, or arrives very late.
+
+use super::random::Random;
+use std::collections::BTreeMap;
+
+/// A process, by its place in the simulated cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Pid {
+    /// The manager.
+    Manager,
+    /// The gateway.
+    Gateway,
+    /// A controller node.
+    Node(usize),
+    /// The operator's commands.
+    Operator,
+}
+
+impl std::fmt::Display for Pid {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Pid::Manager => f.pad("manager"),
+            Pid::Gateway => f.pad("gateway"),
+            Pid::Node(n) => f.pad(&format!("node{}", n + 1)),
+            Pid::Operator => f.pad("operator"),
+        }
+    }
+}
+
+/// How the network behaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Weather {
+    /// Shortest and longest delay, in microseconds.
+    pub delay_us: (u64, u64),
+    /// Messages lost, in a thousand.
+    pub lost_permille: u64,
+    /// Messages doubled, in a thousand.
+    pub doubled_permille: u64,
+    /// Whether each link keeps its order.
+    pub ordered: bool,
+}
+
+/// Loopback or a good switch.
+pub const CALM: Weather = Weather {
+    delay_us: (60, 350),
+    lost_permille: 0,
+    doubled_permille: 0,
+    ordered: true,
+};
+
+#[derive(Debug, Clone, Copy)]
+struct Cut {
+    since_us: u64,
+    count: u32,
+}
+
+/// Longest delay of a message that was sent into a cut and is not lost, in microseconds.
+const HELD_BACK_US: u64 = 1_500_000;
+/// Share of the messages sent into a cut that arrive late, in a thousand.
+const HELD_BACK_PERMILLE: u64 = 200;
+
+/// The network.
+#[derive(Debug)]
+pub struct Network {
+    weather: Weather,
+    cuts: BTreeMap<(Pid, Pid), Cut>,
+    last_us: BTreeMap<(Pid, Pid), u64>,
+    /// How long a silent link keeps its liveliness tokens, in microseconds.
+    pub lease_us: u64,
+}
+
+impl Network {
+    /// A calm network.
+    #[must_use]
+    pub fn new(lease_us: u64) -> Network {
+        Network {
+            weather: CALM,
+            cuts: BTreeMap::new(),
+            last_us: BTreeMap::new(),
+            lease_us,
+        }
+    }
+
+    /// From now on it behaves like this.
+    pub fn set_weather(&mut self, weather: Weather) {
+        self.weather = weather;
+    }
+
+    /// Cuts a direction once more.
+    pub fn cut(&mut self, from: Pid, to: Pid, now_us: u64) {
+        let cut = self.cuts.entry((from, to)).or_insert(Cut {
+            since_us: now_us,
+            count: 0,
+        });
+        cut.count += 1;
+    }
+
+    /// Takes one cut of a direction back; whether it is whole again.
+    pub fn heal(&mut self, from: Pid, to: Pid) -> bool {
+        let Some(cut) = self.cuts.get_mut(&(from, to)) else {
+            return true;
+        };
+        cut.count -= 1;
+        if cut.count == 0 {
+            self.cuts.remove(&(from, to));
+            return true;
+        }
+        false
+    }
+
+    /// Since when a direction is cut.
+    #[must_use]
+    pub fn cut_since(&self, from: Pid, to: Pid) -> Option<u64> {
+        self.cuts.get(&(from, to)).map(|c| c.since_us)
+    }
+
+    /// When a message sent now arrives, and when its copy does. Nothing: it is lost.
+    pub fn arrivals(
+        &mut self,
+        from: Pid,
+        to: Pid,
+        now_us: u64,
+        random: &mut Random,
+    ) -> [Option<u64>; 2] {
+        if self.cut_since(from, to).is_some() {
+            let held = random.chance(HELD_BACK_PERMILLE);
+            return [
+                held.then(|| now_us + random.between(1_000, HELD_BACK_US)),
+                None,
+            ];
+        }
+        let weather = self.weather;
+        let mut one = |random: &mut Random| {
+            let mut at = now_us + random.between(weather.delay_us.0, weather.delay_us.1);
+            if weather.ordered {
+                let last = self.last_us.entry((from, to)).or_default();
+                at = at.max(*last);
+                *last = at;
+            }
+            at
+        };
+        if random.chance(weather.lost_permille) {
+            return [None, None];
+        }
+        let first = one(random);
+        let copy = random
+            .chance(weather.doubled_permille)
+            .then(|| one(random));
+        [Some(first), copy]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn calm_links_keep_their_order_and_cuts_count() {
+        let mut network = Network::new(1);
+        let mut random = Random::new(3, 0);
+        let (a, b) = (Pid::Gateway, Pid::Node(0));
+        let mut last = 0;
+        for n in 0..100 {
+            let [Some(at), None] = network.arrivals(a, b, n, &mut random) else {
+                panic!("lost or doubled in calm weather");
+            };
+            assert!(at >= last);
+            last = at;
+        }
+        network.cut(a, b, 5);
+        network.cut(a, b, 6);
+        assert_eq!(network.cut_since(a, b), Some(5));
+        assert_eq!(network.cut_since(b, a), None);
+        assert!(!network.heal(a, b));
+        assert!(network.heal(a, b));
+    }
+}

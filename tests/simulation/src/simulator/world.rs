@@ -1,0 +1,714 @@
+//! The cell while it runs: the processes, what is to happen next, and who hears of whom.
+
+use super::canary::Canary;
+use super::cell::Cell;
+use super::faults::{Fault, schedule};
+use super::log::Log;
+use super::manager::Store;
+use super::network::{Network, Pid};
+use super::nodes::{NodeBody, ScanOut};
+use super::quiet::Quiet;
+use super::random::Random;
+use super::time::{Clock, Queue};
+use super::{Options, Outcome};
+use crate::invariants::{Invariants, Seen};
+use fam_agents::manager::ManagerAgents;
+use fam_gateway_core::{Gateway, MemoryRecords};
+use fam_proto::agent::{Agent, Input};
+use fam_proto::{AgentId, BootId, Envelope, InputImage, McId, Message, Now, ProcessId};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// Events at one moment: more is a loop that does not end.
+const EVENTS_AT_ONCE_MAX: u32 = 20_000;
+/// What a process that stands still has in its buffers at most; what comes later is lost.
+const STALLED_MAX: usize = 3_000;
+/// Boot ids are wall-clock times in production.
+const FIRST_BOOT: u64 = 1_700_000_000_000_000;
+
+/// What a link carries.
+#[derive(Debug, Clone)]
+pub(super) enum Packet {
+    Message(Box<Envelope>),
+    Frame(usize, Arc<[u8]>),
+    Image(Arc<InputImage>),
+}
+
+/// What happens.
+pub(super) enum Event {
+    /// A deadline of a process's agents.
+    Timer { pid: Pid, boot: BootId },
+    /// A tick of a node's scan thread.
+    Tick { node: usize, boot: BootId },
+    /// Something from a node's scan thread reaches its other threads.
+    Inner {
+        node: usize,
+        boot: BootId,
+        out: ScanOut,
+    },
+    /// Something arrives.
+    Deliver { to: Pid, packet: Packet },
+    /// The field has answered the gateway.
+    Field { boot: BootId },
+    /// An observer looks whether it still hears of a process.
+    Tokens { observer: Pid, subject: Pid },
+    /// A process starts.
+    Start(Pid),
+    /// A fault of the schedule begins.
+    Fault(usize),
+    /// It ends.
+    Ends(usize),
+    /// The quiet time begins.
+    Quiet,
+    /// The operator looks after stopped MCs.
+    Operator,
+    /// Whether all is well again.
+    Check,
+}
+
+/// What all processes have.
+pub(super) struct Life {
+    pub boot: BootId,
+    pub clock: Clock,
+    /// Since when it stands still.
+    pub frozen_us: Option<u64>,
+    /// When its agents' next deadline is due.
+    pub scheduled_us: Option<u64>,
+    pub stalled: Vec<Event>,
+    /// Whose liveliness tokens it sees.
+    pub tokens: BTreeSet<(Pid, BootId)>,
+    /// It dies after so many outputs more.
+    pub doomed: Option<u32>,
+    /// When it was killed last.
+    pub died_us: u64,
+}
+
+/// The cell.
+pub(super) struct World {
+    pub options: Options,
+    pub seed: u64,
+    pub now_us: u64,
+    pub queue: Queue<Event>,
+    pub random: Random,
+    pub cell: Arc<Cell>,
+    pub network: Network,
+    pub lives: BTreeMap<Pid, Life>,
+    pub manager: Option<ManagerAgents>,
+    pub store: Store,
+    pub gateway: Option<Gateway>,
+    pub records: MemoryRecords,
+    pub gateway_runs: u32,
+    /// Opens that reached the gateway: whether one of the epoch was forced.
+    pub forced: BTreeSet<(McId, fam_proto::Epoch)>,
+    pub nodes: Vec<Option<NodeBody>>,
+    pub plant: Plant,
+    pub schedule: Vec<(u64, Fault)>,
+    pub storms: Vec<(usize, super::network::Weather)>,
+    pub manager_disk_fails: u32,
+    pub gateway_disk_fails: u32,
+    pub field_silent: u32,
+    /// How late scan threads wake, by fault.
+    pub late: BTreeMap<usize, (usize, u64)>,
+    pub boots: u64,
+    pub commands: u64,
+    pub invariants: Invariants,
+    pub log: Log,
+    pub faults: BTreeMap<&'static str, u64>,
+    pub deeds: BTreeMap<&'static str, u64>,
+    pub quiet: Option<Quiet>,
+    pub finished: bool,
+    pub events: u64,
+}
+
+/// The field as far as it is needed here: inputs change with time, logic may be made to trap.
+#[derive(Debug, Default)]
+pub(super) struct Plant {
+    pub reads: u64,
+    /// First input byte that makes the MC's logic trap.
+    pub traps: BTreeMap<usize, u8>,
+}
+
+impl World {
+    pub(super) fn new(seed: u64, options: &Options) -> World {
+        let mut choice = Random::new(seed, 1);
+        let cell = Cell::choose(&options.size, &mut choice)
+            .unwrap_or_else(|error| unreachable!("names made here are valid: {error}"));
+        let schedule = schedule(&cell, &options.trouble, &mut choice);
+        let lease_us = 1_000 * choice.between(150, 900);
+        let cell = Arc::new(cell);
+        let mut world = World {
+            options: options.clone(),
+            seed,
+            now_us: 0,
+            queue: Queue::new(),
+            random: Random::new(seed, 2),
+            network: Network::new(lease_us),
+            lives: BTreeMap::new(),
+            manager: None,
+            store: Store::new(&cell.model.cell, options.disk),
+            gateway: None,
+            records: MemoryRecords::default(),
+            gateway_runs: 0,
+            forced: BTreeSet::new(),
+            nodes: (0..cell.controllers.len()).map(|_| None).collect(),
+            plant: Plant::default(),
+            schedule,
+            storms: Vec::new(),
+            manager_disk_fails: 0,
+            gateway_disk_fails: 0,
+            field_silent: 0,
+            late: BTreeMap::new(),
+            boots: FIRST_BOOT,
+            commands: 0,
+            invariants: Invariants::new(cell.clone()),
+            log: Log::new(options.log),
+            faults: BTreeMap::new(),
+            deeds: BTreeMap::new(),
+            quiet: None,
+            finished: false,
+            events: 0,
+            cell,
+        };
+        world.begin();
+        world
+    }
+
+    fn begin(&mut self) {
+        for pid in self.pids() {
+            let at_us = if self.random.chance(300) {
+                self.random.below(250_000)
+            } else {
+                self.random.below(5_000)
+            };
+            self.queue.push(at_us, Event::Start(pid));
+        }
+        let mut end_us = self.options.trouble.to_us;
+        for (n, (at_us, fault)) in self.schedule.iter().enumerate() {
+            self.queue.push(*at_us, Event::Fault(n));
+            end_us = end_us.max(fault.ends_us(*at_us));
+        }
+        self.queue.push(end_us + 50_000, Event::Quiet);
+        let (cell, schedule) = (&self.cell, &self.schedule);
+        self.log.line(0, || {
+            let mcs: Vec<String> = cell
+                .mcs
+                .iter()
+                .map(|m| {
+                    format!(
+                        "{} on {:?} every {} ms (watchdog {} ms)",
+                        m.mc,
+                        m.hosts.iter().map(|h| h + 1).collect::<Vec<_>>(),
+                        m.model.cycle_us / 1_000,
+                        m.model.watchdog_us / 1_000
+                    )
+                })
+                .collect();
+            format!(
+                "{} controllers; {}; {} faults",
+                cell.controllers.len(),
+                mcs.join(", "),
+                schedule.len()
+            )
+        });
+    }
+
+    /// All processes of the cell.
+    pub(super) fn pids(&self) -> Vec<Pid> {
+        let nodes = (0..self.nodes.len()).map(Pid::Node);
+        [Pid::Manager, Pid::Gateway].into_iter().chain(nodes).collect()
+    }
+
+    pub(super) fn run(mut self) -> Outcome {
+        let mut at_once = 0;
+        while !self.finished && self.invariants.violations().is_empty() {
+            let Some((at_us, event)) = self.queue.pop() else {
+                break;
+            };
+            at_once = if at_us == self.now_us { at_once + 1 } else { 0 };
+            if at_once > EVENTS_AT_ONCE_MAX {
+                self.defect("time does not go on: a deadline that is always due".to_owned());
+                break;
+            }
+            self.now_us = at_us;
+            self.events += 1;
+            self.dispatch(event);
+        }
+        let recovered_us = self.quiet.as_ref().map_or(0, Quiet::recovered_us);
+        Outcome {
+            seed: self.seed,
+            violations: self.invariants.violations().to_vec(),
+            faults: self.faults,
+            deeds: self.deeds,
+            events: self.events,
+            virtual_us: self.now_us,
+            recovered_us,
+            digest: self.log.digest(),
+            log: self.log.into_lines(),
+        }
+    }
+
+    pub(super) fn defect(&mut self, text: String) {
+        self.invariants.defect(self.now_us, text);
+    }
+
+    pub(super) fn see(&mut self, seen: &Seen<'_>) {
+        self.invariants.see(seen, self.now_us);
+    }
+
+    pub(super) fn deed(&mut self, kind: &'static str) {
+        *self.deeds.entry(kind).or_default() += 1;
+    }
+
+    pub(super) fn has(&self, canary: Canary) -> bool {
+        self.options.canary == Some(canary)
+    }
+
+    pub(super) fn note(&mut self, text: impl FnOnce() -> String) {
+        self.log.line(self.now_us, text);
+    }
+
+    fn dispatch(&mut self, event: Event) {
+        let event = match self.held_back(event) {
+            Some(event) => event,
+            None => return,
+        };
+        let (kind, detail) = mark(&event);
+        self.log.mark(self.now_us, kind, detail);
+        match event {
+            Event::Timer { pid, boot } => self.timer(pid, boot),
+            Event::Tick { node, boot } => self.tick(node, boot),
+            Event::Inner { node, boot, out } => self.inner(node, boot, out),
+            Event::Deliver { to, packet } => self.deliver(to, packet),
+            Event::Field { boot } => self.field(boot),
+            Event::Tokens { observer, subject } => self.tokens(observer, subject),
+            Event::Start(pid) => self.start(pid),
+            Event::Fault(n) => self.fault(n),
+            Event::Ends(n) => self.ends(n),
+            Event::Quiet => self.begin_quiet(),
+            Event::Operator => self.operator(),
+            Event::Check => self.check(),
+        }
+    }
+
+    /// What happens to a process that stands still waits until it goes on.
+    fn held_back(&mut self, event: Event) -> Option<Event> {
+        let pid = match &event {
+            Event::Timer { pid, .. } => *pid,
+            Event::Tick { node, .. } | Event::Inner { node, .. } => Pid::Node(*node),
+            Event::Deliver { to, .. } => *to,
+            Event::Field { .. } => Pid::Gateway,
+            Event::Tokens { observer, .. } => *observer,
+            _ => return Some(event),
+        };
+        match self.lives.get_mut(&pid) {
+            Some(life) if life.frozen_us.is_some() => {
+                if life.stalled.len() < STALLED_MAX || !matches!(event, Event::Deliver { .. }) {
+                    life.stalled.push(event);
+                }
+                None
+            }
+            _ => Some(event),
+        }
+    }
+
+    // ---- processes
+
+    pub(super) fn is_up(&self, pid: Pid) -> bool {
+        match pid {
+            Pid::Manager => self.manager.is_some(),
+            Pid::Gateway => self.gateway.is_some(),
+            Pid::Node(n) => self.nodes[n].is_some(),
+            Pid::Operator => true,
+        }
+    }
+
+    pub(super) fn boot_of(&self, pid: Pid) -> BootId {
+        self.lives.get(&pid).map_or(BootId(0), |l| l.boot)
+    }
+
+    pub(super) fn is_this(&self, pid: Pid, boot: BootId) -> bool {
+        self.is_up(pid) && self.boot_of(pid) == boot
+    }
+
+    /// A process's own time.
+    pub(super) fn local(&self, pid: Pid) -> Now {
+        self.lives
+            .get(&pid)
+            .map_or(Now(self.now_us), |l| l.clock.local(self.now_us))
+    }
+
+    pub(super) fn global(&self, pid: Pid, at: Now) -> u64 {
+        let at_us = self.lives.get(&pid).map_or(at.0, |l| l.clock.global(at));
+        at_us.max(self.now_us)
+    }
+
+    pub(super) fn process_id(&self, pid: Pid) -> ProcessId {
+        match pid {
+            Pid::Manager => ProcessId::Manager,
+            Pid::Gateway => ProcessId::Gateway(self.cell.gateway.clone()),
+            Pid::Node(n) => ProcessId::Node(self.cell.controllers[n].clone()),
+            Pid::Operator => ProcessId::Client(1),
+        }
+    }
+
+    fn pid_of(&self, process: &ProcessId) -> Option<Pid> {
+        match process {
+            ProcessId::Manager => Some(Pid::Manager),
+            ProcessId::Gateway(_) => Some(Pid::Gateway),
+            ProcessId::Node(c) => self.cell.node(c).map(Pid::Node),
+            ProcessId::Client(_) => Some(Pid::Operator),
+        }
+    }
+
+    fn start(&mut self, pid: Pid) {
+        if self.is_up(pid) {
+            return;
+        }
+        self.boots = self.boots.max(FIRST_BOOT + self.now_us) + 1;
+        let boot = BootId(self.boots);
+        let life = Life {
+            boot,
+            clock: Clock {
+                origin_us: self.now_us,
+                start_us: self.random.below(10_000_000),
+                fast_ppm: i64::try_from(self.random.below(400)).unwrap_or(0) - 200,
+            },
+            frozen_us: None,
+            scheduled_us: None,
+            stalled: Vec::new(),
+            tokens: BTreeSet::new(),
+            doomed: None,
+            died_us: 0,
+        };
+        self.lives.insert(pid, life);
+        self.note(|| format!("{pid:<8} starts (boot …{})", boot.0 % 1_000_000_000));
+        match pid {
+            Pid::Manager => self.start_manager(),
+            Pid::Gateway => self.start_gateway(),
+            Pid::Node(n) => self.start_node(n),
+            Pid::Operator => {}
+        }
+        for other in self.pids() {
+            if other != pid && self.is_up(other) {
+                self.look(pid, other, 300, 5_000);
+                self.look(other, pid, 300, 5_000);
+            }
+        }
+    }
+
+    /// Kills a process: all that it held in memory is gone.
+    pub(super) fn kill(&mut self, pid: Pid) {
+        if !self.is_up(pid) {
+            return;
+        }
+        match pid {
+            Pid::Manager => {
+                self.manager = None;
+                self.kill_store();
+            }
+            Pid::Gateway => self.gateway = None,
+            Pid::Node(n) => self.nodes[n] = None,
+            Pid::Operator => {}
+        }
+        if let Some(life) = self.lives.get_mut(&pid) {
+            life.frozen_us = None;
+            life.stalled.clear();
+            life.doomed = None;
+            life.died_us = self.now_us;
+        }
+        self.note(|| format!("{pid:<8} dies"));
+        for other in self.pids() {
+            if other != pid {
+                self.look(other, pid, 300, 8_000);
+            }
+        }
+    }
+
+    pub(super) fn freeze(&mut self, pid: Pid) {
+        let (now_us, lease_us) = (self.now_us, self.network.lease_us);
+        if !self.is_up(pid) {
+            return;
+        }
+        if let Some(life) = self.lives.get_mut(&pid) {
+            life.frozen_us.get_or_insert(now_us);
+        }
+        for other in self.pids() {
+            if other != pid {
+                self.look(other, pid, lease_us + 1, lease_us + 30_000);
+            }
+        }
+    }
+
+    pub(super) fn resume(&mut self, pid: Pid) {
+        let Some(life) = self.lives.get_mut(&pid) else {
+            return;
+        };
+        if life.frozen_us.take().is_none() {
+            return;
+        }
+        let stalled = std::mem::take(&mut life.stalled);
+        // Whether threads or messages come first is chance; each of both keeps its order.
+        let timers_first = self.random.chance(500);
+        let own = |e: &Event| matches!(e, Event::Timer { .. } | Event::Tick { .. });
+        let (timers, rest): (Vec<Event>, Vec<Event>) = stalled.into_iter().partition(own);
+        let (first, then) = if timers_first {
+            (timers, rest)
+        } else {
+            (rest, timers)
+        };
+        for (n, event) in first.into_iter().chain(then).enumerate() {
+            self.queue.push(self.now_us + 1 + n as u64, event);
+        }
+        if pid == Pid::Gateway {
+            self.see(&Seen::GatewayUp { restarted: false });
+        }
+        self.note(|| format!("{pid:<8} goes on"));
+        for other in self.pids() {
+            if other != pid {
+                self.look(other, pid, 500, 30_000);
+            }
+        }
+    }
+
+    // ---- time of the agents
+
+    fn timer(&mut self, pid: Pid, boot: BootId) {
+        if !self.is_this(pid, boot) {
+            return;
+        }
+        let now_us = self.now_us;
+        let Some(life) = self.lives.get_mut(&pid) else {
+            return;
+        };
+        if life.scheduled_us.is_none_or(|at| at > now_us) {
+            return; // an earlier deadline has replaced this one
+        }
+        life.scheduled_us = None;
+        let now = self.local(pid);
+        match pid {
+            Pid::Manager => {
+                if let Some(manager) = &mut self.manager {
+                    manager.handle_timeout(now);
+                }
+                self.carry_out_manager();
+            }
+            Pid::Gateway => {
+                if let Some(gateway) = &mut self.gateway {
+                    gateway.handle_timeout(now);
+                }
+                self.carry_out_gateway();
+            }
+            Pid::Node(n) => {
+                if let Some(node) = &mut self.nodes[n] {
+                    node.agents.handle_timeout(now);
+                }
+                self.carry_out_node(n);
+            }
+            Pid::Operator => {}
+        }
+    }
+
+    /// Looks after a process's next deadline; after each input.
+    pub(super) fn arm(&mut self, pid: Pid) {
+        let deadline = match pid {
+            Pid::Manager => self.manager.as_ref().and_then(Agent::poll_timeout),
+            Pid::Gateway => self.gateway.as_ref().and_then(Agent::poll_timeout),
+            Pid::Node(n) => self.nodes[n].as_ref().and_then(|b| b.agents.poll_timeout()),
+            Pid::Operator => None,
+        };
+        let Some((at, _)) = deadline else {
+            return;
+        };
+        let at_us = self.global(pid, at);
+        if let Some(life) = self.lives.get_mut(&pid)
+            && life.scheduled_us.is_none_or(|s| at_us < s)
+        {
+            life.scheduled_us = Some(at_us);
+            let boot = life.boot;
+            self.queue.push(at_us, Event::Timer { pid, boot });
+        }
+    }
+
+    /// Whether the process dies before its next output.
+    pub(super) fn is_doomed(&mut self, pid: Pid) -> bool {
+        match self.lives.get_mut(&pid).and_then(|l| l.doomed.as_mut()) {
+            Some(0) => true,
+            Some(left) => {
+                *left -= 1;
+                false
+            }
+            None => false,
+        }
+    }
+
+    // ---- network
+
+    /// Sends a message where it is addressed to.
+    pub(super) fn send(&mut self, from: Pid, envelope: Envelope) {
+        let Some(to) = self.pid_of(&envelope.to.process()) else {
+            return;
+        };
+        self.note(|| format!("{from:<8} to {to}: {}", words(&envelope)));
+        self.transmit(from, to, Packet::Message(Box::new(envelope)));
+    }
+
+    pub(super) fn transmit(&mut self, from: Pid, to: Pid, packet: Packet) {
+        let arrivals = self
+            .network
+            .arrivals(from, to, self.now_us, &mut self.random);
+        for at_us in arrivals.into_iter().flatten() {
+            let packet = packet.clone();
+            self.queue.push(at_us, Event::Deliver { to, packet });
+        }
+    }
+
+    fn deliver(&mut self, to: Pid, packet: Packet) {
+        if !self.is_up(to) {
+            return;
+        }
+        match (to, packet) {
+            (Pid::Manager, Packet::Message(m)) => self.manager_input(Input::Message(*m)),
+            (Pid::Manager, Packet::Image(i)) => self.manager_input(Input::Image(i)),
+            (Pid::Gateway, Packet::Message(m)) => self.gateway_message(*m),
+            (Pid::Gateway, Packet::Frame(_, bytes)) => self.gateway_frame(bytes),
+            (Pid::Node(n), Packet::Message(m)) => self.node_input(n, Input::Message(*m)),
+            (Pid::Node(n), Packet::Image(i)) => self.node_image(n, i),
+            (Pid::Node(n), Packet::Frame(mc, bytes)) => self.node_frame(n, mc, &bytes),
+            (Pid::Operator, Packet::Message(m)) => {
+                self.note(|| format!("operator hears: {}", words(&m)));
+            }
+            (Pid::Manager, Packet::Frame(..))
+            | (Pid::Gateway, Packet::Image(_))
+            | (Pid::Operator, _) => {}
+        }
+    }
+
+    /// An event of a process on its way to the manager.
+    pub(super) fn report(&mut self, from: Pid, agent: AgentId, event: fam_proto::Event) {
+        let envelope = Envelope {
+            from: agent,
+            boot: self.boot_of(from),
+            to: AgentId::Manager,
+            body: Message::Event(event),
+        };
+        self.send(from, envelope);
+    }
+
+    // ---- liveliness tokens
+
+    /// Lets an observer look after another process some time from now.
+    pub(super) fn look(&mut self, observer: Pid, subject: Pid, from_us: u64, to_us: u64) {
+        let at_us = self.now_us + self.random.between(from_us, to_us);
+        self.queue.push(at_us, Event::Tokens { observer, subject });
+    }
+
+    fn tokens(&mut self, observer: Pid, subject: Pid) {
+        if !self.is_up(observer) {
+            return;
+        }
+        let lease_us = self.network.lease_us;
+        let silent_us = |since: Option<u64>| since.map(|since| self.now_us - since);
+        let cut = silent_us(self.network.cut_since(subject, observer));
+        let frozen = silent_us(self.lives.get(&subject).and_then(|l| l.frozen_us));
+        let lost = [cut, frozen].into_iter().flatten().any(|us| us >= lease_us);
+        if !lost && (cut.is_some() || frozen.is_some()) {
+            return; // nothing new is heard, and what was heard still counts
+        }
+        let truth = (self.is_up(subject) && !lost).then(|| self.boot_of(subject));
+        let Some(life) = self.lives.get(&observer) else {
+            return;
+        };
+        let mut changes: Vec<(BootId, bool)> = life
+            .tokens
+            .iter()
+            .filter(|(pid, boot)| *pid == subject && Some(*boot) != truth)
+            .map(|(_, boot)| (*boot, false))
+            .collect();
+        if let Some(boot) = truth
+            && !life.tokens.contains(&(subject, boot))
+        {
+            changes.push((boot, true));
+        }
+        if self.random.chance(500) {
+            changes.reverse();
+        }
+        let process = self.process_id(subject);
+        for (boot, alive) in changes {
+            if let Some(life) = self.lives.get_mut(&observer) {
+                if alive {
+                    life.tokens.insert((subject, boot));
+                } else {
+                    life.tokens.remove(&(subject, boot));
+                }
+            }
+            self.note(|| {
+                let word = if alive { "sees" } else { "loses" };
+                format!("{observer:<8} {word} the token of {subject} (…{})", boot.0 % 1_000_000_000)
+            });
+            let process = process.clone();
+            match observer {
+                Pid::Manager => self.manager_input(Input::Peer {
+                    process,
+                    boot,
+                    alive,
+                }),
+                Pid::Gateway => self.gateway_input(Input::Peer {
+                    process,
+                    boot,
+                    alive,
+                }),
+                Pid::Node(n) => self.node_input(
+                    n,
+                    Input::Peer {
+                        process,
+                        boot,
+                        alive,
+                    },
+                ),
+                Pid::Operator => {}
+            }
+        }
+    }
+}
+
+/// What an event adds to the digest.
+fn mark(event: &Event) -> (u64, u64) {
+    let pid = |pid: &Pid| match pid {
+        Pid::Manager => 1,
+        Pid::Gateway => 2,
+        Pid::Operator => 3,
+        Pid::Node(n) => 4 + *n as u64,
+    };
+    match event {
+        Event::Timer { pid: p, boot } => (1, pid(p) ^ boot.0),
+        Event::Tick { node, boot } => (2, *node as u64 ^ boot.0),
+        Event::Inner { node, out, .. } => (3, *node as u64 ^ (out.kind() << 8)),
+        Event::Deliver { to, packet } => match packet {
+            Packet::Message(m) => (4, pid(to) ^ m.boot.0),
+            Packet::Frame(mc, bytes) => (5, pid(to) ^ ((*mc as u64) << 8) ^ ((bytes.len() as u64) << 16)),
+            Packet::Image(image) => (6, pid(to) ^ image.number.0),
+        },
+        Event::Field { boot } => (7, boot.0),
+        Event::Tokens { observer, subject } => (8, pid(observer) ^ (pid(subject) << 8)),
+        Event::Start(p) => (9, pid(p)),
+        Event::Fault(n) => (10, *n as u64),
+        Event::Ends(n) => (11, *n as u64),
+        Event::Quiet => (12, 0),
+        Event::Operator => (13, 0),
+        Event::Check => (14, 0),
+    }
+}
+
+/// A message in one line.
+pub(super) fn words(envelope: &Envelope) -> String {
+    let mut text = format!("{:?}", envelope.body);
+    if text.len() > 400 {
+        let mut end = 400;
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        text.truncate(end);
+        text.push('…');
+    }
+    text
+}
