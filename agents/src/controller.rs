@@ -19,7 +19,7 @@ pub const REFUSED_REPEAT_US: u64 = 1_000_000;
 /// How often a leave is repeated, in microseconds.
 pub const LEAVING_REPEAT_US: u64 = 100_000;
 /// How long a leaving controller waits until its MCs are handed over, in microseconds.
-pub const LEAVING_WAIT_US: u64 = 10_000_000;
+pub const LEAVING_WAIT_US: u64 = 6_000_000;
 /// How long a leaving controller without active MCs waits for the manager's word, in microseconds.
 pub const LEAVING_IDLE_US: u64 = 1_000_000;
 /// An MC can only be taken if its gateway's newest image is at most this many ticks old.
@@ -140,16 +140,20 @@ impl ControllerAgent {
         self.opening = opening;
     }
 
+    /// Whether a later life of the manager is known.
+    #[must_use]
+    pub(crate) fn is_over(&self, manager: BootId) -> bool {
+        self.manager.boot.is_some_and(|known| manager < known)
+    }
+
     /// A manager's process has appeared, gone, or spoken.
     pub fn manager_seen(&mut self, boot: BootId, alive: bool, now: Now) {
         match self.manager.boot {
-            Some(known) if boot < known => {}
-            Some(known) if boot == known => {
-                if !alive {
-                    self.manager.registered = false;
-                    self.register_at = now.plus_us(REGISTER_REPEAT_US);
-                }
+            Some(known) if boot == known && !alive => {
+                self.manager.registered = false;
+                self.register_at = now.plus_us(REGISTER_REPEAT_US);
             }
+            Some(known) if boot <= known => {}
             _ if alive => {
                 self.manager = Manager {
                     boot: Some(boot),

@@ -162,6 +162,9 @@ impl NodeAgents {
 
     fn message(&mut self, envelope: Envelope, now: Now) {
         if envelope.from.process() == ProcessId::Manager {
+            if self.controller.is_over(envelope.boot) {
+                return; // a late word of a manager that is no more
+            }
             self.controller.manager_seen(envelope.boot, true, now);
         }
         match &envelope.to {

@@ -7,8 +7,8 @@ use fam_proto::{
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Pause between two repetitions.
-const REPEAT: Duration = Duration::from_millis(200);
+/// First and longest pause between two repetitions: the first question may leave before it is known who listens.
+const REPEAT: (Duration, Duration) = (Duration::from_millis(15), Duration::from_millis(200));
 
 /// Why there is no answer.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -101,9 +101,12 @@ impl Client {
         while self.events.try_recv().is_some() {}
         let deadline = Instant::now() + within;
         let body = Message::Query(query.clone());
+        let mut pause = REPEAT.0;
         loop {
             self.send(body.clone());
-            while let Some(message) = self.next(deadline.min(Instant::now() + REPEAT)).await {
+            let again = deadline.min(Instant::now() + pause);
+            pause = REPEAT.1.min(pause * 2);
+            while let Some(message) = self.next(again).await {
                 if let Message::QueryReply(reply) = message
                     && answers(&query, &reply)
                 {
@@ -131,10 +134,13 @@ impl Client {
         let body = Message::Command(Command { id, what });
         let deadline = Instant::now() + within;
         let mut begun: Option<String> = None;
+        let mut pause = REPEAT.0;
         loop {
             // Repeated to its end: the final answer may be lost too, and a repeated command does nothing twice.
             self.send(body.clone());
-            while let Some(message) = self.next(deadline.min(Instant::now() + REPEAT)).await {
+            let again = deadline.min(Instant::now() + pause);
+            pause = REPEAT.1.min(pause * 2);
+            while let Some(message) = self.next(again).await {
                 let Message::CommandReply(reply) = message else {
                     continue;
                 };

@@ -28,6 +28,8 @@ pub(crate) fn config(options: &LinkOptions) -> Result<zenoh::Config, String> {
             "exit_on_failure": false,
             "retry": { "period_init_ms": RETRY_MS.0, "period_max_ms": RETRY_MS.1, "period_increase_factor": 2 },
         },
+        // Without gossip nothing tells that a connection's declarations are complete; a command repeats itself instead.
+        "open": { "return_conditions": { "connect_scouted": true, "declares": !is_client } },
         "scouting": {
             "delay": OPEN_WAIT_MS,
             "multicast": { "enabled": false },

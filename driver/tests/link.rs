@@ -96,12 +96,9 @@ async fn images_and_large_frames_arrive_whole() {
         ..options(node("c2"), 3)
     };
     let (driver, mut driver_events) = Link::open(driver).await.unwrap();
-    for who in ["c1", "c2"] {
-        peer(&mut hub_events, &node(who), true).await;
-    }
-    peer(&mut driver_events, &gateway(), true).await;
-    peer(&mut driver_events, &node("c1"), true).await;
-    peer(&mut host_events, &gateway(), true).await;
+    peers(&mut hub_events, &[node("c1"), node("c2")]).await;
+    peers(&mut driver_events, &[gateway(), node("c1")]).await;
+    peers(&mut host_events, &[gateway(), node("c2")]).await;
 
     let mut frame = vec![9_u8; 800_000];
     frame[700_000] = 42;
@@ -109,7 +106,13 @@ async fn images_and_large_frames_arrive_whole() {
     let copy = frame.clone();
     let put = std::thread::spawn(move || sender.put_frame(&mc(), copy));
     assert!(put.join().unwrap());
-    assert_eq!(taken.recv().await.unwrap(), "station1 800000 42");
+    let mut take = async |what: &str| {
+        let taken = tokio::time::timeout(SOON, taken.recv()).await;
+        taken
+            .unwrap_or_else(|_| panic!("{what} did not come"))
+            .unwrap()
+    };
+    assert_eq!(take("the frame").await, "station1 800000 42");
     let (seen_mc, bytes) = until(&mut host_events, "the frame", |event| match event {
         LinkEvent::Frame { mc, bytes } => Some((mc, bytes)),
         _ => None,
@@ -122,7 +125,7 @@ async fn images_and_large_frames_arrive_whole() {
     driver
         .sender()
         .put_frame(&McId::new("station2").unwrap(), frame);
-    taken.recv().await.unwrap();
+    take("the frame of station2").await;
 
     hub.publish_image(&image(5));
     let seen = until(&mut host_events, "the image", |event| match event {
@@ -133,7 +136,7 @@ async fn images_and_large_frames_arrive_whole() {
     .await;
     assert_eq!(*seen, image(5));
     // The hub subscribes to images too: sink and event.
-    assert_eq!(taken.recv().await.unwrap(), "image 5");
+    assert_eq!(take("the image").await, "image 5");
     while let Some(event) = driver_events.try_recv() {
         assert!(!matches!(event, LinkEvent::Frame { .. }), "{event:?}");
     }
@@ -215,15 +218,7 @@ async fn nodes_reach_each_other_when_the_manager_is_gone_and_find_it_again() {
     .await
     .unwrap();
     assert_eq!(peer(&mut b_events, &ProcessId::Manager, true).await.0, 9);
-    let (mut seen_b, mut seen_c) = (false, false);
-    until(&mut hub_events, "both nodes", |event| {
-        if let LinkEvent::Peer { process, alive, .. } = event {
-            seen_b |= alive && process == node("c1");
-            seen_c |= alive && process == node("c2");
-        }
-        (seen_b && seen_c).then_some(())
-    })
-    .await;
+    peers(&mut hub_events, &[node("c1"), node("c2")]).await;
     for link in [hub, b, c] {
         link.close().await;
     }

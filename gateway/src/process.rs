@@ -44,6 +44,9 @@ pub struct GatewayOptions {
     pub stream_applied: bool,
     /// File that gets the journal of applied frames; one that is there is replaced.
     pub journal: Option<PathBuf>,
+    /// Takes the fence away, so that a benchmark can show what it is for. Exists in test builds only.
+    #[cfg(feature = "fence-off")]
+    pub fence_off: bool,
 }
 
 impl GatewayOptions {
@@ -59,6 +62,8 @@ impl GatewayOptions {
             field_address: None,
             stream_applied: false,
             journal: None,
+            #[cfg(feature = "fence-off")]
+            fence_off: false,
         }
     }
 }
@@ -141,6 +146,13 @@ pub async fn run_model(
     let start = fam_driver::now();
     let starts = records.starts();
     let agent = Gateway::new(model, &id, link.boot(), starts, stored, start)?;
+    #[cfg(feature = "fence-off")]
+    let agent = if options.fence_off {
+        tracing::warn!("the fence is off: this build is for tests and drives no plant safely");
+        agent.without_fence()
+    } else {
+        agent
+    };
     let tick_us = model
         .gateways
         .iter()

@@ -7,7 +7,7 @@
 //!
 //! A write goes into the slot that is not the newest one and carries a sequence number and a checksum; a torn one is not
 //! read, and the slot of before holds. Heads are written without a sync: the page cache outlives the process. Ledgers of
-//! openings are synced. All room is reserved when the file is made, so that a full disk cannot strike later.
+//! openings are synced. The file is written in full when it is made, so that a full disk cannot strike later.
 //!
 //! A file that is foreign, of a newer version, of another cell or of another layout is refused and left untouched.
 
@@ -21,8 +21,7 @@ use memmap2::MmapMut;
 use slots::{HeadSlots, LedgerSlots};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io;
-use std::os::fd::AsRawFd;
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Version of the file that this build writes, and the only one that it reads.
@@ -339,7 +338,6 @@ fn create(path: &Path, page: &[u8], bytes: usize) -> Result<(), RecordsError> {
 }
 
 fn create_at(path: &Path, temporary: &Path, page: &[u8], bytes: usize) -> Result<(), RecordsError> {
-    use std::os::unix::fs::FileExt;
     let io = |what| {
         move |source: io::Error| {
             let full = matches!(
@@ -367,31 +365,31 @@ fn create_at(path: &Path, temporary: &Path, page: &[u8], bytes: usize) -> Result
         _ => Path::new("."),
     };
     std::fs::create_dir_all(folder).map_err(io("making its folder"))?;
-    let file = OpenOptions::new()
-        .read(true)
+    let mut file = OpenOptions::new()
         .write(true)
         .create(true)
         .truncate(true)
         .open(temporary)
         .map_err(io("making it"))?;
-    reserve(&file, bytes).map_err(io("reserving its room"))?;
-    file.write_all_at(page, 0)
-        .map_err(io("writing its first page"))?;
-    file.sync_all().map_err(io("syncing it"))?;
+    fill(&mut file, page, bytes).map_err(io("writing it for the first time"))?;
     std::fs::rename(temporary, path).map_err(io("putting it in its place"))?;
     File::open(folder)
         .and_then(|folder| folder.sync_all())
         .map_err(io("syncing its folder"))
 }
 
-/// Reserves all blocks of the file: a mapped page without a block kills the process when the disk is full.
-fn reserve(file: &File, bytes: usize) -> io::Result<()> {
-    let bytes = libc::off_t::try_from(bytes).map_err(io::Error::other)?;
-    // SAFETY: the descriptor is open for the time of the call.
-    match unsafe { libc::posix_fallocate(file.as_raw_fd(), 0, bytes) } {
-        0 => Ok(()),
-        error => Err(io::Error::from_raw_os_error(error)),
+/// Writes the whole file once, so that all its blocks are there: a mapped page without a block kills the process when the disk
+/// is full, and a block that was only reserved makes its first sync slow.
+fn fill(file: &mut File, page: &[u8], bytes: usize) -> io::Result<()> {
+    file.write_all(page)?;
+    let zeros = vec![0; 64 * PAGE];
+    let mut left = bytes - page.len();
+    while left > 0 {
+        let piece = left.min(zeros.len());
+        file.write_all(&zeros[..piece])?;
+        left -= piece;
     }
+    file.sync_all()
 }
 
 fn check(path: &Path, file: &File, want: &[u8], bytes: usize) -> Result<(), RecordsError> {

@@ -1,7 +1,7 @@
 //! The real manager process over real sessions, against a gateway and controllers that are spoken by the test.
 
 use fam_driver::{Client, Frames, Link, LinkEvent, LinkEvents, LinkOptions};
-use fam_manager::{ManagerOptions, run_on};
+use fam_manager::{ManagerOptions, run, run_on};
 use fam_proto::diagnosis::Diagnosis;
 use fam_proto::model::{CellModel, ControllerModel, FieldDriver, GatewayModel, McModel, Settings};
 use fam_proto::{
@@ -439,6 +439,7 @@ fn owned_by(name: &'static str) -> impl Fn(&CellStatus) -> bool {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_cell_starts_loses_a_controller_and_gets_its_manager_back() {
+    fam_driver::init_logging(fam_driver::LogFormat::Plain, "debug");
     let (at, disk, record) = (endpoint(), Disk::default(), Record::never());
     let manager = Manager::start(&at, &disk, 100);
     let _gateway = start_gateway(&at, record.clone()).await;
@@ -532,6 +533,56 @@ async fn with_a_full_disk_no_order_goes_out() {
     let (_, kept) = repository(&disk);
     assert!(kept.epochs[&station()] >= epoch);
     assert_eq!(record.get().scan(), Scan(1));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_whole_process_runs_from_files_and_refuses_what_is_wrong_with_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let cells = PathBuf::from(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../engineering/tests/cells/two_stations/cell.toml"
+    ));
+    let at = endpoint();
+    let options = |cell_file: PathBuf, repository: &str| ManagerOptions {
+        listen: vec![at.clone()],
+        connect: Vec::new(),
+        ..ManagerOptions::new(cell_file, folder.path().join(repository))
+    };
+    let failed = async |options| {
+        let error = run(options, std::future::pending()).await.unwrap_err();
+        error.to_string()
+    };
+
+    let missing = folder.path().join("cell.toml");
+    let text = failed(options(missing.clone(), "new.redb")).await;
+    assert!(text.contains(missing.to_str().unwrap()), "{text}");
+    std::fs::write(folder.path().join("foreign.redb"), "something else").unwrap();
+    let text = failed(options(cells.clone(), "foreign.redb")).await;
+    assert!(
+        text.contains("foreign.redb is not a FAM repository"),
+        "{text}"
+    );
+
+    let mut boots = Vec::new();
+    for _ in 0..2 {
+        let (end, ended) = oneshot::channel::<()>();
+        let process = tokio::spawn(run(options(cells.clone(), "run/good.redb"), async {
+            let _ = ended.await;
+        }));
+        let name = fam_engineering::build_model(&cells).unwrap().cell;
+        let mut client = Client::open(name.clone(), vec![at.clone()]).await.unwrap();
+        let seen = status(&mut client, |_| true).await;
+        assert_eq!(seen.cell, name.to_string());
+        let starts = history(&mut client).await;
+        let starts = starts
+            .iter()
+            .filter(|e| e.kind == EventKind::ManagerStarted);
+        boots.push(starts.count());
+        drop(end);
+        process.await.unwrap().unwrap();
+        client.close().await;
+    }
+    assert_eq!(boots, [1, 2], "the history was not kept");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -8,6 +8,7 @@ pub mod codegen;
 pub mod diag;
 pub mod layout;
 pub mod memory;
+mod plan;
 mod plcopen;
 pub mod project;
 pub mod runtime;

@@ -269,8 +269,8 @@ pub fn convert(from: Elem, to: Elem, value: Value) -> Result<Value, Fault> {
         return Ok(Value::load(to, &raw(8)[..to.cell_bytes() as usize]));
     }
     match (value, to) {
-        (Value::Real(v), Elem::Lreal) => Ok(Value::Lreal(canonical_f64(f64::from(v)))),
-        (Value::Lreal(v), Elem::Real) => Ok(Value::Real(canonical_f32(v as f32))),
+        (Value::Real(v), Elem::Lreal) => Ok(Value::Lreal(f64::from(v))),
+        (Value::Lreal(v), Elem::Real) => Ok(Value::Real(v as f32)),
         (Value::Real(_) | Value::Lreal(_), Elem::Bool) => Ok(Value::Bool(value.as_f64() != 0.0)),
         (Value::Real(_) | Value::Lreal(_), _) => integer(to, libm::rint(value.as_f64())),
         (_, Elem::Real | Elem::Lreal) => Ok(Value::from_i128(to, value.as_i128().unwrap_or(0))),

@@ -190,7 +190,20 @@ impl MiddlewareManager {
             return false;
         };
         if there.owner() != Some(&report.owner) {
-            return true; // of another life, or before its registration: it registers again by itself
+            // A late answer to its predecessor, or of the manager before, may have told it that it is registered. A life that is
+            // over is left alone: the answer would reach its successor.
+            if there
+                .owner()
+                .is_none_or(|o| o.boot < report.owner.boot)
+            {
+                let why = format!(
+                    "this life of controller {name} (boot {}) has not registered",
+                    report.owner.boot
+                );
+                let to = AgentId::Controller(name.clone());
+                self.desk.send(to, Message::RegistrationRefused(why));
+            }
+            return true;
         }
         there.heard = now;
         there.report = Some(report.clone());

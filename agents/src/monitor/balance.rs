@@ -12,10 +12,13 @@ use std::hash::{Hash, Hasher};
 
 const NAME: &str = "work balance";
 const FULL_PERMILLE: u32 = 1_000;
+/// An imbalance that no plan could better is raised again after this many pauses: bids may have been lost, or a node not ready.
+const RETRY_PAUSES: u64 = 5;
 
 /// What was seen when no plan gained enough.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Declined {
+    until: Now,
     version: u64,
     generation: PlanId,
     spread_permille: u32,
@@ -51,7 +54,10 @@ impl WorkBalance {
             .controllers
             .iter()
             .filter(|(_, c)| c.is_up() && !c.is_emptied())
-            .filter_map(|(name, c)| Some((name, c.report.as_ref()?.workload_permille)))
+            // Without an input image it can take nothing yet.
+            .filter_map(|(name, c)| c.report.as_ref().map(|report| (name, report)))
+            .filter(|(_, report)| report.image_age_us != u64::MAX)
+            .map(|(name, report)| (name, report.workload_permille))
             .collect();
         let (high, high_load) = loads.iter().max_by_key(|(_, l)| **l)?;
         let (low, low_load) = loads.iter().min_by_key(|(_, l)| **l)?;
@@ -95,9 +101,10 @@ impl WorkBalance {
     }
 
     /// Whether no plan was found for this before, and nothing has changed since.
-    fn is_hopeless(&self, view: &CellView, seen: &Seen) -> bool {
+    fn is_hopeless(&self, view: &CellView, seen: &Seen, now: Now) -> bool {
         self.declined.as_ref().is_some_and(|d| {
-            d.version == view.version
+            now < d.until
+                && d.version == view.version
                 && d.generation == view.generation
                 && d.over == seen.over
                 && seen.spread_permille <= d.spread_permille + view.model.settings.gain_permille
@@ -109,6 +116,7 @@ impl WorkBalance {
         self.hold_until = None;
         self.paused_until = now.plus_us(view.model.settings.balance_pause_us);
         self.seen = Some(Declined {
+            until: now.plus_us(RETRY_PAUSES * view.model.settings.balance_pause_us),
             version: view.version,
             generation: view.generation,
             spread_permille: seen.spread_permille,
@@ -128,7 +136,7 @@ impl QualityOfService for WorkBalance {
             self.since = None;
             return Vec::new();
         }
-        let Some(seen) = self.look(view).filter(|s| !self.is_hopeless(view, s)) else {
+        let Some(seen) = self.look(view).filter(|s| !self.is_hopeless(view, s, now)) else {
             self.since = None;
             return Vec::new();
         };

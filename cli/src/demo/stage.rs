@@ -59,15 +59,18 @@ impl Stage {
         let ended_us = monotonic_us();
         self.settle()?;
         let stretch = Stretch::between(&self.eye.seen().applied, &self.cycles_us, at_us, monotonic_us());
+        // One look after the other: each holds what has been seen for its statement.
+        let after = self.eye.seen().workloads();
+        let rejected = self.rejected().saturating_sub(rejected_before);
         let step = Step {
             at_s: self.seconds(at_us),
             name: name.to_owned(),
             text,
             before,
-            after: self.eye.seen().workloads(),
+            after,
             gap_ms: stretch.longest_takeover_ms(),
             missed_scans: stretch.missed(&self.witness, |g| g.epochs.0 == g.epochs.1).scans,
-            rejected: self.rejected().saturating_sub(rejected_before),
+            rejected,
             products: self.plant()?.products.len() as u64,
         };
         self.display.done(&step, self.seconds(ended_us));

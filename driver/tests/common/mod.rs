@@ -103,6 +103,23 @@ pub async fn peer(events: &mut LinkEvents, who: &ProcessId, up: bool) -> BootId 
     .await
 }
 
+/// Waits until all of these have been seen alive, in any order.
+pub async fn peers(events: &mut LinkEvents, all: &[ProcessId]) {
+    let mut missing: Vec<_> = all.to_vec();
+    until(events, "everybody's token", |event| {
+        if let LinkEvent::Peer {
+            process,
+            alive: true,
+            ..
+        } = event
+        {
+            missing.retain(|m| *m != process);
+        }
+        missing.is_empty().then_some(())
+    })
+    .await;
+}
+
 pub async fn message(events: &mut LinkEvents) -> Envelope {
     until(events, "a message", |event| match event {
         LinkEvent::Message(envelope) => Some(envelope),

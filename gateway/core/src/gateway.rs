@@ -1,5 +1,11 @@
 //! The gateway as one state machine: tick and images, frames, openings, watchdogs, reports.
 
+mod interface;
+mod time;
+
+pub use interface::{GatewayAct, GatewayError, GatewayInput, GatewayLocal, GatewayOutput, Why};
+pub use time::REPORT_REJECTED_US;
+
 use crate::fence::Rejection;
 use crate::gate::{Accepted, Counters, Gate, Verdict};
 use crate::opening::{self, Decision};
@@ -8,118 +14,15 @@ use crate::stored::{RecordWrite, StoredRecord};
 use fam_proto::agent::{Agent, Input, Output};
 use fam_proto::model::{CellModel, InputSource};
 use fam_proto::{
-    AgentId, Applied, BootId, Close, Envelope, Event, EventKind, GatewayId, ImageNumber,
-    InputImage, Ledger, McId, McInputs, Message, Now, Open, OpenRefusal, OpenRefused, Owner,
-    ProcessId, RecordState, Severity, TrapInfo, decode_frame,
+    AgentId, BootId, Close, Envelope, Event, EventKind, GatewayId, ImageNumber, Ledger, McId,
+    Message, Now, Open, OpenRefusal, OpenRefused, Owner, ProcessId, RecordState, Severity,
+    TrapInfo, decode_frame,
 };
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-/// Rejected frames of one MC are reported at most once in this time, in microseconds.
-pub const REPORT_REJECTED_US: u64 = 1_000_000;
 /// Longest text of a trap that is kept, for each of its parts, in bytes: the ledger has a fixed place on disk.
 pub const TRAP_TEXT_BYTES_MAX: usize = 256;
-
-/// What comes in from the gateway's own process.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub enum GatewayLocal {
-    /// A frame arrived.
-    Frame(Arc<[u8]>),
-    /// Answer to [`GatewayAct::ReadField`]: what was read, in each MC's own `%I` layout. MCs without field inputs may be left out.
-    Field(Vec<McInputs>),
-    /// A field device stopped answering.
-    FieldDeviceLost {
-        /// Name or address of the device.
-        device: String,
-        /// What it did, or did not.
-        why: String,
-    },
-    /// A field device answers (again).
-    FieldDeviceBack {
-        /// Name or address of the device.
-        device: String,
-    },
-    /// The process's own timer: as [`Agent::handle_timeout`].
-    Wake,
-    /// The gateway is asked to end: whatever is driven is set to its fail-safe values, because nobody will watch it. Answered by
-    /// [`GatewayAct::Left`].
-    Leave,
-}
-
-/// Why outputs are set.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub enum Why {
-    /// A frame was applied.
-    Frame(Applied),
-    /// Fail-safe values.
-    FailSafe,
-    /// At the gateway's start: the outputs of an MC that has stopped safely stand as it left them.
-    Kept,
-}
-
-/// What the gateway's process has to do.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub enum GatewayAct {
-    /// Read the field and answer with [`GatewayLocal::Field`].
-    ReadField,
-    /// Send an image.
-    PublishImage(Arc<InputImage>),
-    /// Set an MC's outputs at the field; newer ones replace those not yet written.
-    ApplyOutputs {
-        /// The MC.
-        mc: McId,
-        /// Its output image.
-        outputs: Arc<[u8]>,
-        /// Where they come from.
-        why: Why,
-    },
-    /// All outputs are safe and said so in a last image: the process may end.
-    Left,
-}
-
-/// What comes into a gateway.
-pub type GatewayInput = Input<GatewayLocal>;
-/// What a gateway wants done.
-pub type GatewayOutput = Output<RecordWrite, GatewayAct>;
-
-/// Why a gateway cannot be made from a cell model.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum GatewayError {
-    /// No such gateway.
-    #[error(
-        "the cell `{cell}` has no gateway `{gateway}`; it has {known}. Give one of these with --name, or add it to the cell"
-    )]
-    UnknownGateway {
-        /// The cell.
-        cell: String,
-        /// What was asked for.
-        gateway: GatewayId,
-        /// What there is.
-        known: String,
-    },
-    /// An exported variable that this gateway cannot copy.
-    #[error(
-        "{mc}: input `{input}` is an exported variable of {from}, which {why}; exports work between MCs of one gateway"
-    )]
-    Export {
-        /// The importing MC.
-        mc: McId,
-        /// Its variable.
-        input: String,
-        /// The exporting MC.
-        from: McId,
-        /// What is wrong.
-        why: &'static str,
-    },
-    /// A place outside the MC's image.
-    #[error("{mc}: `{variable}` lies outside the process image; generate the cell again")]
-    Place {
-        /// The MC.
-        mc: McId,
-        /// Its variable.
-        variable: String,
-    },
-}
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum Pending {
@@ -329,208 +232,6 @@ impl Gateway {
     fn event(&mut self, now: Now, mut event: Event) {
         event.at_us = now.0;
         self.out.push_back(Output::Event(event));
-    }
-
-    // ---- time
-
-    fn timers(&mut self, now: Now) {
-        let due = |at: Option<Now>| at.is_some_and(|at| at <= now);
-        let mut silent = Vec::new();
-        let mut suspect = Vec::new();
-        for (mc, gate) in &self.gates {
-            if due(gate.watchdog_at()) {
-                silent.push(mc.clone());
-            } else if due(gate.suspect_at()) {
-                suspect.push(mc.clone());
-            }
-        }
-        for mc in silent {
-            self.watchdog(&mc, now);
-        }
-        for mc in suspect {
-            self.suspect(&mc, now);
-        }
-        self.report_rejected(now);
-    }
-
-    fn watchdog(&mut self, mc: &McId, now: Now) {
-        let Some(gate) = self.gates.get(mc) else {
-            return;
-        };
-        let text = format!(
-            "{mc}: no valid frame for {} ms while {}; its outputs stand at their fail-safe values until it is activated anew",
-            gate.silent_us(now) / 1_000,
-            gate.ledger().state.word(),
-        );
-        self.set_fail_safe(
-            mc,
-            RecordState::FailSafe,
-            Event::new(Severity::Alarm, EventKind::McFailSafe, text),
-            false,
-            now,
-        );
-    }
-
-    fn set_fail_safe(&mut self, mc: &McId, state: RecordState, event: Event, sync: bool, now: Now) {
-        let Some(gate) = self.gates.get_mut(mc) else {
-            return;
-        };
-        gate.fail_safe(state);
-        let ledger = gate.ledger().clone();
-        let outputs = Arc::clone(gate.outputs());
-        // Safe values first: no disk may delay them.
-        self.out.push_back(Output::Act(GatewayAct::ApplyOutputs {
-            mc: mc.clone(),
-            outputs,
-            why: Why::FailSafe,
-        }));
-        let mut event = event.mc(mc).epoch(ledger.epoch).scan(ledger.last_scan);
-        event.controller = ledger.owner.as_ref().map(|o| o.controller.clone());
-        self.event(now, event);
-        self.persist(
-            RecordWrite::Changed {
-                mc: mc.clone(),
-                ledger,
-                sync,
-            },
-            Pending::Note { mc: mc.clone() },
-        );
-    }
-
-    fn suspect(&mut self, mc: &McId, now: Now) {
-        let Some(gate) = self.gates.get_mut(mc) else {
-            return;
-        };
-        gate.set_suspect();
-        let ledger = gate.ledger();
-        let owner = ledger
-            .owner
-            .as_ref()
-            .map_or_else(String::new, |owner| format!(" of {owner}"));
-        let mut event = Event::new(
-            Severity::Warning,
-            EventKind::McSuspect,
-            format!(
-                "{mc}: no valid frame{owner} for {} ms",
-                gate.silent_us(now) / 1_000
-            ),
-        )
-        .mc(mc)
-        .epoch(ledger.epoch)
-        .scan(ledger.last_scan);
-        event.controller = ledger.owner.as_ref().map(|o| o.controller.clone());
-        self.event(now, event);
-    }
-
-    fn report_rejected(&mut self, now: Now) {
-        let mut events = Vec::new();
-        for (mc, reported) in &mut self.reported {
-            let due = reported
-                .at
-                .is_none_or(|at| now.since_us(at) >= REPORT_REJECTED_US);
-            if reported.waiting.is_empty() || !due {
-                continue;
-            }
-            reported.at = Some(now);
-            let all: u64 = reported.waiting.values().sum();
-            let reasons = std::mem::take(&mut reported.waiting)
-                .into_iter()
-                .map(|(why, count)| format!("{count} × {why}"))
-                .collect::<Vec<_>>()
-                .join(", ");
-            let owner = reported.owner.take();
-            let of = owner
-                .as_ref()
-                .map_or_else(String::new, |o| format!(" of {o}"));
-            let text = format!("{mc}: {all} frames{of} rejected: {reasons}");
-            let mut event = Event::new(Severity::Warning, EventKind::FramesRejected, text).mc(mc);
-            event.controller = owner.map(|owner| owner.controller);
-            events.push(event);
-        }
-        for event in events {
-            self.event(now, event);
-        }
-    }
-
-    fn tick(&mut self, now: Now) {
-        if now < self.next_tick {
-            return;
-        }
-        self.next_tick = self.next_tick.plus_us(self.tick_us);
-        if self.next_tick <= now {
-            // The machine stalled: ticks that are over are not made up for.
-            let missed = now.since_us(self.next_tick) / self.tick_us + 1;
-            self.next_tick = self.next_tick.plus_us(missed * self.tick_us);
-        }
-        if self.reading {
-            // The field has not answered for a whole tick. Acknowledgements go out all the same.
-            for gate in self.gates.values_mut() {
-                gate.inputs_late();
-            }
-            self.publish(now);
-        } else {
-            self.reading = true;
-            self.out.push_back(Output::Act(GatewayAct::ReadField));
-        }
-    }
-
-    fn publish(&mut self, now: Now) {
-        self.image = self.image.next();
-        let inputs = self
-            .gates
-            .iter()
-            .map(|(mc, gate)| {
-                let (bytes, fresh) = gate.inputs();
-                let mut bytes = bytes.to_vec();
-                for input in &gate.model().inputs {
-                    if let InputSource::Export { mc: from, place } = &input.source
-                        && let Some(value) = self
-                            .gates
-                            .get(from)
-                            .and_then(|from| place::get(from.outputs(), *place))
-                    {
-                        place::set(&mut bytes, input.place, value);
-                    }
-                }
-                McInputs {
-                    mc: mc.clone(),
-                    bytes,
-                    fresh,
-                }
-            })
-            .collect();
-        let image = InputImage {
-            gateway: self.id.clone(),
-            boot: self.boot,
-            number: self.image,
-            sent_at_us: now.0,
-            inputs,
-            records: self.gates.values().map(|gate| gate.summary(now)).collect(),
-        };
-        for gate in self.gates.values_mut() {
-            gate.image_sent(now);
-        }
-        self.out
-            .push_back(Output::Act(GatewayAct::PublishImage(Arc::new(image))));
-    }
-
-    fn leave(&mut self, now: Now) {
-        let driven: Vec<McId> = self
-            .gates
-            .iter()
-            .filter(|(_, gate)| gate.watchdog_at().is_some())
-            .map(|(mc, _)| mc.clone())
-            .collect();
-        for mc in &driven {
-            let text = format!(
-                "{mc}: gateway {} ends; its outputs stand at their fail-safe values",
-                self.id
-            );
-            let event = Event::new(Severity::Warning, EventKind::McFailSafe, text);
-            self.set_fail_safe(mc, RecordState::FailSafe, event, false, now);
-        }
-        self.publish(now);
-        self.out.push_back(Output::Act(GatewayAct::Left));
     }
 
     // ---- frames

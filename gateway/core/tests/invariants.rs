@@ -31,6 +31,11 @@ enum Step {
     },
     /// A frame that was kept arrives.
     Late(usize),
+    /// A driver sends a frame in the name of another owner, or one that builds on something else.
+    Forge {
+        driver: usize,
+        owner: bool,
+    },
     /// A driver's stop POU has ended.
     Stop(usize),
     Token {
@@ -68,6 +73,7 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
         10 => (0_usize..6, fate).prop_map(|(driver, fate)| Step::Scan { driver, fate }),
         1 => (0_usize..6, 1_u64..3, 0_u64..3).prop_map(|(driver, to, above)| Step::Release { driver, to, above }),
         3 => (0_usize..10).prop_map(Step::Late),
+        2 => (0_usize..6, any::<bool>()).prop_map(|(driver, owner)| Step::Forge { driver, owner }),
         1 => (0_usize..6).prop_map(Step::Stop),
         1 => (1_u64..3, any::<bool>()).prop_map(|(n, alive)| Step::Token { n, alive }),
         4 => prop::sample::select(vec![1_000, 5_000, 16_000, 60_000, 1_000_000]).prop_map(Step::Pass),
@@ -151,6 +157,20 @@ fn run(steps: Vec<Step>) -> Result<(), TestCaseError> {
             Step::Late(n) => {
                 if !history.kept.is_empty() {
                     let bytes = history.kept[n % history.kept.len()].clone();
+                    bench.frame(bytes);
+                }
+            }
+            Step::Forge { driver, owner: by } => {
+                let image = bench.newest_image();
+                if let Some(driver) = pick(&mut history.drivers, driver) {
+                    let mut forged = driver.clone();
+                    if by {
+                        let n = driver.header.owner.boot.0 - 100;
+                        forged.header.owner = owner(3 - n);
+                    } else {
+                        forged.header.base = Some(CheckpointId::default());
+                    }
+                    let bytes = forged.frame(image);
                     bench.frame(bytes);
                 }
             }

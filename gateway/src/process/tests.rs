@@ -343,3 +343,47 @@ async fn what_prevents_a_start_is_named_with_what_to_do() {
         "my notes"
     );
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn the_cell_file_is_read_and_its_problems_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let cell = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../engineering/tests/cells/two_stations/cell.toml");
+    let model = fam_engineering::build_model(&cell).unwrap();
+    let (name, id) = (model.cell, model.gateways[0].gateway.clone());
+    let endpoint = free_endpoint();
+    let (stop, stopped) = oneshot::channel::<()>();
+    let running = tokio::spawn(run(
+        GatewayOptions {
+            cell,
+            ..options(folder.path(), &endpoint)
+        },
+        async {
+            let _ = stopped.await;
+        },
+    ));
+    let (link, _events) = Link::open(LinkOptions {
+        connect: vec![endpoint],
+        ..LinkOptions::new(name.clone(), ProcessId::Client(1))
+    })
+    .await
+    .unwrap();
+    let points = io::request(&link, &name, &id, &IoRequest::Get(vec![]), LONG)
+        .await
+        .unwrap();
+    assert!(
+        points
+            .iter()
+            .any(|point| point.direction == io::Direction::Point),
+        "{points:?}"
+    );
+    stop.send(()).unwrap();
+    timeout(LONG, running).await.unwrap().unwrap().unwrap();
+
+    let missing = GatewayOptions {
+        cell: folder.path().join("cell.toml"),
+        ..options(folder.path(), &free_endpoint())
+    };
+    let error = run(missing, std::future::pending()).await.unwrap_err();
+    assert!(format!("{error:#}").contains("cell.toml"), "{error:#}");
+}

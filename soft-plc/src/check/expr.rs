@@ -641,6 +641,10 @@ fn literal_with(literal: &Expr, other: Elem) -> Option<Elem> {
     if (lo..=hi).contains(&v) {
         return Some(other);
     }
+    if other.is_bit() && other != Elem::Bool {
+        let wider = [Elem::Word, Elem::Dword, Elem::Lword];
+        return wider.into_iter().find(|e| value.fits(*e));
+    }
     if !other.is_int() {
         return None;
     }

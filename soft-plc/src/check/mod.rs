@@ -12,6 +12,7 @@ pub mod stdfun;
 mod stmt;
 pub mod tree;
 mod types;
+pub mod visit;
 
 use std::collections::BTreeMap;
 

@@ -203,19 +203,24 @@ pub fn evaluate(fun: StdFun, result: Elem, args: &[Value]) -> Result<Value, Faul
     }
 }
 
-/// The larger or smaller of two; NaN if one of them is, as Wasm's `f64.max` and `f64.min`.
+/// The larger or smaller of two. Of reals as Wasm's `max` and `min` define it: NaN if one is, and -0 is below +0.
 fn pick(larger: bool, a: Value, b: Value) -> Value {
-    if a.as_f64().is_nan() {
-        return a;
+    let real = matches!(a, Value::Real(_) | Value::Lreal(_));
+    let (x, y) = (a.as_f64(), b.as_f64());
+    if real && (x.is_nan() || y.is_nan()) {
+        return match a {
+            Value::Real(_) => Value::Real(canonical_f32(f32::NAN)),
+            _ => Value::Lreal(canonical_f64(f64::NAN)),
+        };
     }
-    if b.as_f64().is_nan() {
-        return b;
-    }
-    if (larger && b > a) || (!larger && b < a) {
-        b
+    let take_b = if real && x == y {
+        x.is_sign_negative() == larger
+    } else if larger {
+        b > a
     } else {
-        a
-    }
+        b < a
+    };
+    if take_b { b } else { a }
 }
 
 /// A negative or too large number of places shifts everything out; rotations count modulo the width.

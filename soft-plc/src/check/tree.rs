@@ -11,6 +11,8 @@ use crate::syntax::ast::{BinOp, PouKind, Project, UnOp, VarSection};
 use crate::types::{Elem, TypeId, TypeTable};
 use crate::value::Value;
 
+pub use crate::check::visit::{visit_expr, visit_place, visit_places};
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PouId(pub u32);
 
@@ -314,91 +316,4 @@ pub enum Limits {
     Range(i128, i128),
     /// The values of an enumeration.
     Values(Vec<i64>),
-}
-
-/// Calls `f` with every place in the statements, those inside expressions included.
-pub fn visit_places(body: &[Stmt], f: &mut dyn FnMut(&Place)) {
-    for stmt in body {
-        match &stmt.kind {
-            StmtKind::Assign(place, value) => {
-                visit_place(place, f);
-                visit_expr(value, f);
-            }
-            StmtKind::Call(call) => visit_call(call, f),
-            StmtKind::Invoke(call) => {
-                if let Some(instance) = &call.instance {
-                    visit_place(instance, f);
-                }
-                call.inputs.iter().for_each(|(_, e)| visit_expr(e, f));
-                call.in_outs.iter().for_each(|p| visit_place(p, f));
-                call.outputs.iter().for_each(|(_, p, _)| visit_place(p, f));
-            }
-            StmtKind::If(branches, otherwise) => {
-                for (condition, body) in branches {
-                    visit_expr(condition, f);
-                    visit_places(body, f);
-                }
-                visit_places(otherwise, f);
-            }
-            StmtKind::Case {
-                selector,
-                branches,
-                otherwise,
-            } => {
-                visit_expr(selector, f);
-                branches.iter().for_each(|(_, body)| visit_places(body, f));
-                visit_places(otherwise, f);
-            }
-            StmtKind::For(data) => {
-                visit_place(&data.var, f);
-                visit_expr(&data.from, f);
-                visit_expr(&data.to, f);
-                visit_expr(&data.by, f);
-                visit_places(&data.body, f);
-            }
-            StmtKind::While(condition, body) | StmtKind::Repeat(body, condition) => {
-                visit_expr(condition, f);
-                visit_places(body, f);
-            }
-            StmtKind::CopyRegion { array, .. } => visit_place(array, f),
-            StmtKind::Exit | StmtKind::Continue | StmtKind::Return => {}
-        }
-    }
-}
-
-/// Calls `f` with the place and with those inside its indices.
-pub fn visit_place(place: &Place, f: &mut dyn FnMut(&Place)) {
-    f(place);
-    for step in &place.steps {
-        if let StepKind::Index(indices) = &step.kind {
-            indices.iter().for_each(|e| visit_expr(e, f));
-        }
-    }
-}
-
-/// Calls `f` with every place that the expression reads.
-pub fn visit_expr(expr: &Expr, f: &mut dyn FnMut(&Place)) {
-    match &expr.kind {
-        ExprKind::Const(_) => {}
-        ExprKind::Load(place) => visit_place(place, f),
-        ExprKind::Unary(_, inner) | ExprKind::Convert(inner) | ExprKind::Check(inner, _) => {
-            visit_expr(inner, f);
-        }
-        ExprKind::Binary(_, _, left, right) => {
-            visit_expr(left, f);
-            visit_expr(right, f);
-        }
-        ExprKind::Std(_, args) => args.iter().for_each(|e| visit_expr(e, f)),
-        ExprKind::Call(call) => visit_call(call, f),
-    }
-}
-
-fn visit_call(call: &FunctionCall, f: &mut dyn FnMut(&Place)) {
-    for arg in &call.args {
-        match arg {
-            Argument::Input(expr) => visit_expr(expr, f),
-            Argument::Output(Some(place)) | Argument::InOut(place) => visit_place(place, f),
-            Argument::Output(None) => {}
-        }
-    }
 }

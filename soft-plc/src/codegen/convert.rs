@@ -1,6 +1,6 @@
 //! Conversions between elementary types; the counterpart of `value::convert`.
 
-use wasm_encoder::{Ieee64, Instruction as I, ValType};
+use wasm_encoder::{Ieee32, Ieee64, Instruction as I, ValType};
 
 use super::SiteKind;
 use super::fun::{Fun, val};
@@ -36,6 +36,7 @@ impl Fun<'_, '_> {
         }
         if to.is_bit() {
             // The bits, not the number.
+            self.canonical(from);
             if from == Elem::Real {
                 self.i(I::I32ReinterpretF32);
                 if val(to) == ValType::I64 {
@@ -51,6 +52,24 @@ impl Fun<'_, '_> {
         }
         self.i(I::F64Nearest);
         self.whole_to_integer(to, span);
+    }
+
+    /// Makes a NaN on the stack the canonical one. The bits of a NaN differ between hosts, and they can be seen in memory
+    /// and through bit strings only: arithmetic and comparisons treat all NaNs alike.
+    pub fn canonical(&mut self, elem: Elem) {
+        let (nan, equal) = match elem {
+            Elem::Real => (I::F32Const(Ieee32::new(0x7fc0_0000)), I::F32Eq),
+            Elem::Lreal => (I::F64Const(Ieee64::new(0x7ff8_0000_0000_0000)), I::F64Eq),
+            _ => return,
+        };
+        let local = self.temp(val(elem));
+        self.i(I::LocalTee(local));
+        self.i(nan);
+        self.i(I::LocalGet(local));
+        self.i(I::LocalGet(local));
+        self.i(equal);
+        self.i(I::Select);
+        self.release(local);
     }
 
     /// Turns the whole f64 on the stack into an integer; traps if it does not fit.

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use wasm_encoder::{BlockType, Instruction as I, MemArg, ValType};
 
+use super::hold::Held;
 use super::{SiteKind, State};
 use crate::check::tree::{PouId, VarId};
 use crate::memory::{Filler, is_kept};
@@ -63,6 +64,10 @@ pub struct Fun<'m, 'p> {
     pub depth: u32,
     /// Depth of the block that EXIT leaves and of the one that CONTINUE goes to, innermost last.
     pub labels: Vec<(u32, u32)>,
+    /// Variables in locals while the outermost loop runs.
+    pub held: Vec<Held>,
+    /// Values that FOR variables keep to.
+    pub ranges: BTreeMap<VarId, (i128, i128)>,
 }
 
 /// Parameters and results of a POU's function.
@@ -142,6 +147,8 @@ impl<'m, 'p> Fun<'m, 'p> {
             loops: Vec::new(),
             depth: 0,
             labels: Vec::new(),
+            held: Vec::new(),
+            ranges: BTreeMap::new(),
         };
         fun.prologue();
         // RETURN leaves this block.

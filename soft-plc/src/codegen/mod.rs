@@ -9,6 +9,7 @@ mod call;
 mod convert;
 mod expr;
 mod fun;
+mod hold;
 mod place;
 mod stdfun;
 mod stmt;
@@ -24,8 +25,9 @@ use wasm_encoder::{
 
 use crate::check::tree::{PouId, TypedProject};
 use crate::diag::{Diagnostic, Problem, finish_all};
-use crate::layout::{CompileSpec, Layout, Plan};
+use crate::layout::{CompileSpec, Layout};
 use crate::memory::{MEMORY_BYTES_MAX, TRAP_DETAIL_AT, TRAP_SITE_AT, round_up};
+use crate::plan::Plan;
 use crate::source::Span;
 use fun::{Fun, FunctionCode};
 
@@ -131,6 +133,7 @@ struct State<'p> {
     problems: Vec<Problem>,
     /// Scratch memory of temporary arrays and structures, by variable.
     scratch: BTreeMap<crate::check::tree::VarId, u32>,
+    touched: BTreeMap<PouId, hold::Touched>,
 }
 
 impl<'p> State<'p> {
@@ -157,6 +160,7 @@ impl<'p> State<'p> {
             data: Vec::new(),
             problems: Vec::new(),
             scratch: BTreeMap::new(),
+            touched: BTreeMap::new(),
         }
     }
 

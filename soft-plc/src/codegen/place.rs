@@ -200,6 +200,17 @@ impl Fun<'_, '_> {
         let elem = self.elem(index.ty);
         let count = bounds.1 - bounds.0 + 1;
         self.expr(index);
+        let certain = self
+            .range_of(index)
+            .is_some_and(|(low, high)| low >= i128::from(bounds.0) && high <= i128::from(bounds.1));
+        if certain {
+            if val(elem) == ValType::I64 {
+                self.i(I::I32WrapI64);
+            }
+            self.subtract(bounds.0);
+            self.scale(weight);
+            return;
+        }
         let kind = SiteKind::Index(bounds.0, bounds.1);
         // UDINT and LINT are checked in 64 bits, so that no wrapped value looks valid.
         let wide = matches!(elem, Elem::Udint | Elem::Lint);
@@ -217,26 +228,28 @@ impl Fun<'_, '_> {
             self.trap_if(kind, index.span, Some((local, Elem::Lint)));
             self.i(I::LocalGet(local));
             self.i(I::I32WrapI64);
-            if bounds.0 != 0 {
-                self.i(I::I32Const(bounds.0 as i32));
-                self.i(I::I32Sub);
-            }
+            self.subtract(bounds.0);
         } else {
             self.i(I::LocalTee(local));
-            if bounds.0 != 0 {
-                self.i(I::I32Const(bounds.0 as i32));
-                self.i(I::I32Sub);
-            }
+            self.subtract(bounds.0);
             self.i(I::I32Const(count as i32));
             self.i(I::I32GeU);
             self.trap_if(kind, index.span, Some((local, Elem::Dint)));
             self.i(I::LocalGet(local));
-            if bounds.0 != 0 {
-                self.i(I::I32Const(bounds.0 as i32));
-                self.i(I::I32Sub);
-            }
+            self.subtract(bounds.0);
         }
         self.release(local);
+        self.scale(weight);
+    }
+
+    fn subtract(&mut self, low: i64) {
+        if low != 0 {
+            self.i(I::I32Const(low as i32));
+            self.i(I::I32Sub);
+        }
+    }
+
+    fn scale(&mut self, weight: u32) {
         if weight.is_power_of_two() {
             if weight > 1 {
                 self.i(I::I32Const(weight.trailing_zeros() as i32));
@@ -362,6 +375,7 @@ impl Fun<'_, '_> {
             Form::Image if elem.bits() == 16 => self.i(I::I32Store16(mem(o, 0))),
             _ => {
                 let align = if addr.form == Form::Image { 0 } else { 2 };
+                self.canonical(elem);
                 self.i(match val(elem) {
                     ValType::I64 => I::I64Store(mem(o, align)),
                     ValType::F64 => I::F64Store(mem(o, align)),

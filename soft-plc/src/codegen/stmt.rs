@@ -27,6 +27,20 @@ impl Fun<'_, '_> {
     }
 
     fn stmt(&mut self, stmt: &Stmt) {
+        let is_loop = matches!(
+            stmt.kind,
+            StmtKind::For(_) | StmtKind::While(..) | StmtKind::Repeat(..)
+        );
+        if is_loop {
+            self.hold_for(stmt);
+        }
+        self.kind(stmt);
+        if is_loop {
+            self.let_go();
+        }
+    }
+
+    fn kind(&mut self, stmt: &Stmt) {
         match &stmt.kind {
             StmtKind::Assign(place, value) => self.assign(place, value),
             StmtKind::Call(call) => self.call_for_effect(call),
@@ -76,7 +90,10 @@ impl Fun<'_, '_> {
                 }
             }
             // The outermost block is the body.
-            StmtKind::Return => self.i(I::Br(self.label(1))),
+            StmtKind::Return => {
+                self.store_held();
+                self.i(I::Br(self.label(1)));
+            }
             StmtKind::CopyRegion {
                 region,
                 array,
@@ -277,9 +294,21 @@ impl Fun<'_, '_> {
         self.i(I::BrIf(self.label(exit)));
         let next = self.open(I::Block(BlockType::Empty));
         self.labels.push((exit, next));
+        // The steps lie between the first value and the last, whichever way the loop goes.
+        let step_known = known(&data.by).is_some();
+        let to = known(&data.to).filter(|_| step_known);
+        let ranged = self.note_range(&data.var, known(&data.from), to, &data.body);
         self.stmts(&data.body);
+        if let Some(var) = ranged {
+            self.ranges.remove(&var);
+        }
         self.labels.pop();
         self.close();
+        let limits = elem.limits().unwrap_or((0, 0));
+        let cannot_wrap = match (known(&data.to), known(&data.by)) {
+            (Some(to), Some(by)) => (limits.0..=limits.1).contains(&(to + by)),
+            _ => false,
+        };
         let current = self.temp(ty);
         self.load(&data.var);
         self.i(I::LocalSet(current));
@@ -287,13 +316,10 @@ impl Fun<'_, '_> {
             f.i(I::LocalGet(current));
             push_step(f);
             f.i(simple(BinOp::Add, elem));
-            f.normalise_integer(elem);
+            if !cannot_wrap {
+                f.normalise_integer(elem);
+            }
         });
-        let limits = elem.limits().unwrap_or((0, 0));
-        let cannot_wrap = match (known(&data.to), known(&data.by)) {
-            (Some(to), Some(by)) => (limits.0..=limits.1).contains(&(to + by)),
-            _ => false,
-        };
         if cannot_wrap {
             self.i(I::Br(self.label(top)));
         } else {

@@ -67,8 +67,8 @@ impl Engine {
     pub fn new(options: EngineOptions) -> Result<Self, RuntimeError> {
         let mut config = Config::new();
         config
-            // The same bits on every host.
-            .cranelift_nan_canonicalization(true)
+            // Compiled code itself makes NaNs canonical where their bits can be seen; doing it after each operation is slow.
+            .cranelift_nan_canonicalization(false)
             .cranelift_opt_level(OptLevel::Speed)
             .epoch_interruption(options.interruption == Interruption::Epoch)
             .consume_fuel(matches!(options.interruption, Interruption::Fuel(_)));

@@ -583,7 +583,9 @@ impl Parser<'_> {
                 resource.tasks.push(task);
             }
             _ => {
-                return Err(self.unexpected("TASK, PROGRAM, VAR_GLOBAL, or the end of the resource"));
+                return Err(
+                    self.unexpected("TASK, PROGRAM, VAR_GLOBAL, or the end of the resource")
+                );
             }
         }
         Ok(())

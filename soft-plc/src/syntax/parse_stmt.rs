@@ -95,8 +95,8 @@ impl Parser<'_> {
             Tok::Kw(Kw::For) => self.for_statement(start)?,
             Tok::Kw(Kw::While) => {
                 self.advance();
-                let condition = self.expression()?;
-                self.expect(Tok::Kw(Kw::Do), "DO after the condition of WHILE")?;
+                let condition =
+                    self.header(Kw::Do, "DO after the condition of WHILE, or an operator");
                 let body = self.statements();
                 self.close(Kw::EndWhile, "WHILE", start)?;
                 StmtKind::While(condition, body)
@@ -185,6 +185,21 @@ impl Parser<'_> {
         Ok(Stmt { kind, span })
     }
 
+    /// The expression between a statement's keyword and `kw`. After a mistake reading goes on behind `kw`, so that the
+    /// statement's own end is still found.
+    fn header(&mut self, kw: Kw, wanted: &str) -> Expr {
+        let start = self.span();
+        let expr = self.expression();
+        if expr.is_err() || self.expect(Tok::Kw(kw), wanted).is_err() {
+            self.recover(|found| found == kw || ends_statements(found) || starts_statement(found));
+            self.eat_kw(kw);
+        }
+        expr.unwrap_or(Expr {
+            kind: ExprKind::Bool(true),
+            span: start,
+        })
+    }
+
     /// The keyword that closes a statement opened at `opener`.
     fn close(&mut self, kw: Kw, what: &str, opener: Span) -> Parsed<()> {
         if self.eat_kw(kw) {
@@ -213,11 +228,7 @@ impl Parser<'_> {
         let mut branches = Vec::new();
         let mut otherwise = Vec::new();
         loop {
-            let condition = self.expression()?;
-            self.expect(
-                Tok::Kw(Kw::Then),
-                "THEN after the condition of IF, or an operator",
-            )?;
+            let condition = self.header(Kw::Then, "THEN after the condition of IF, or an operator");
             branches.push((condition, self.statements()));
             if self.eat_kw(Kw::Elsif) {
                 continue;
@@ -232,8 +243,7 @@ impl Parser<'_> {
 
     fn case_statement(&mut self, start: Span) -> Parsed<StmtKind> {
         self.advance();
-        let selector = self.expression()?;
-        self.expect(Tok::Kw(Kw::Of), "OF after the selector of CASE")?;
+        let selector = self.header(Kw::Of, "OF after the selector of CASE, or an operator");
         let mut branches = Vec::new();
         let mut otherwise = None;
         loop {
@@ -247,15 +257,28 @@ impl Parser<'_> {
             {
                 break;
             }
-            let mut labels = vec![self.case_label()?];
-            while self.eat(Tok::Comma) {
-                labels.push(self.case_label()?);
+            let before = self.position();
+            match self.case_labels() {
+                Ok(labels) => branches.push((labels, self.statement_list(true))),
+                Err(Stop) => {
+                    if self.position() == before {
+                        self.advance();
+                    }
+                    self.recover(ends_statements);
+                }
             }
-            self.expect(Tok::Colon, "`:` or `,` after the label of CASE")?;
-            branches.push((labels, self.statement_list(true)));
         }
         self.close(Kw::EndCase, "CASE", start)?;
         Ok(StmtKind::Case(selector, branches, otherwise))
+    }
+
+    fn case_labels(&mut self) -> Parsed<Vec<CaseLabel>> {
+        let mut labels = vec![self.case_label()?];
+        while self.eat(Tok::Comma) {
+            labels.push(self.case_label()?);
+        }
+        self.expect(Tok::Colon, "`:` or `,` after the label of CASE")?;
+        Ok(labels)
     }
 
     fn case_label(&mut self) -> Parsed<CaseLabel> {
@@ -268,6 +291,26 @@ impl Parser<'_> {
 
     fn for_statement(&mut self, start: Span) -> Parsed<StmtKind> {
         self.advance();
+        let Ok((var, from, to, by)) = self.for_header() else {
+            // Reads the body all the same, so that END_FOR finds its FOR.
+            self.recover(|kw| kw == Kw::Do || ends_statements(kw) || starts_statement(kw));
+            self.eat_kw(Kw::Do);
+            self.statements();
+            self.close(Kw::EndFor, "FOR", start)?;
+            return Ok(StmtKind::Empty);
+        };
+        let body = self.statements();
+        self.close(Kw::EndFor, "FOR", start)?;
+        Ok(StmtKind::For(Box::new(ForLoop {
+            var,
+            from,
+            to,
+            by,
+            body,
+        })))
+    }
+
+    fn for_header(&mut self) -> Parsed<(Expr, Expr, Expr, Option<Expr>)> {
         let var = self.postfix()?;
         self.expect(Tok::Assign, "`:=` and the first value of the FOR variable")?;
         let from = self.expression()?;
@@ -279,14 +322,6 @@ impl Parser<'_> {
             None
         };
         self.expect(Tok::Kw(Kw::Do), "DO, or BY and the step")?;
-        let body = self.statements();
-        self.close(Kw::EndFor, "FOR", start)?;
-        Ok(StmtKind::For(Box::new(ForLoop {
-            var,
-            from,
-            to,
-            by,
-            body,
-        })))
+        Ok((var, from, to, by))
     }
 }

@@ -16,7 +16,7 @@ END_FUNCTION_BLOCK
 PROGRAM P
 VAR
   step : Step; ton1 : TON; tof1 : TOF; tp1 : TP; up : CTU; edge : R_TRIG; pid1 : Pid; x : REAL; seed : UDINT := 1;
-  history : ARRAY[0..15] OF REAL; at : USINT; n : UINT;
+  history : ARRAY[0..15] OF REAL; slot : USINT; n : UINT;
 END_VAR
 seed := seed * 1664525 + 1013904223;
 edge(CLK := sensor);
@@ -30,8 +30,8 @@ tof1(IN := step = Move, PT := T#35ms);
 up(CU := edge.Q, R := FALSE, PV := 3);
 pid1(e := 1.0 - x);
 x := x + pid1.u * 0.01;
-history[at] := x;
-at := (at + 1) MOD 16;
+history[slot] := x;
+slot := (slot + 1) MOD 16;
 n := n + 1;
 out.0 := tof1.Q; out.1 := up.Q; out.2 := tp1.Q;
 END_PROGRAM";

@@ -435,7 +435,7 @@ fn each_mistake_has_its_message_at_its_place() {
     let mut wrong = Vec::new();
     for (vars, body, code, line, column, message) in CASES {
         let diagnostics = diagnose(&in_program(vars, body));
-        let fits = diagnostics.first().is_some_and(|d| {
+        let fits = diagnostics.iter().any(|d| {
             d.code == *code && (d.line, d.column) == (*line, *column) && d.message.contains(message)
         });
         if !fits {
@@ -599,4 +599,20 @@ fn a_projects_own_block_replaces_that_of_the_library() {
     let text = "FUNCTION_BLOCK R_TRIG VAR_INPUT CLK : BOOL; END_VAR VAR_OUTPUT Q, extra : BOOL; END_VAR extra := CLK; END_FUNCTION_BLOCK
 PROGRAM P VAR r : R_TRIG; x : BOOL; END_VAR r(CLK := TRUE, extra => x); END_PROGRAM";
     assert_eq!(show(&diagnose(text)), "");
+}
+
+#[test]
+fn a_mistake_in_a_header_does_not_drag_others_along() {
+    for body in [
+        "IF a > THEN a := 1; ELSE a := 2; END_IF; a := 3;",
+        "WHILE a < 3 DOO a := 1; END_WHILE; a := 3;",
+        "CASE a + OF 1: a := 1; END_CASE; a := 3;",
+        "CASE a OF 1: a := 1; 2 a := 2; 3: a := 4; END_CASE; a := 3;",
+        "FOR a = 1 TO 3 DO a := 1; END_FOR; a := 3;",
+        "FOR a := 1 TO DO a := 1; END_FOR; a := 3;",
+        "REPEAT a := ; UNTIL a > 3 END_REPEAT; a := 3;",
+    ] {
+        let diagnostics = diagnose(&in_program("a : INT;", body));
+        assert_eq!(diagnostics.len(), 1, "{body}\n{}", show(&diagnostics));
+    }
 }

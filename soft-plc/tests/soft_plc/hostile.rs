@@ -1,9 +1,13 @@
 //! Texts that nobody meant: no panic, no exhausted stack, always an answer.
 
+use std::sync::LazyLock;
+
 use fam_soft_plc::{CheckOptions, SourceFile, check, compile, parse_project};
 use proptest::prelude::*;
 
 use crate::common::{show, spec};
+
+static ENGINE: LazyLock<wasmtime::Engine> = LazyLock::new(wasmtime::Engine::default);
 
 /// Goes as far as the text allows; answers the diagnostics.
 fn attempt(text: &str) -> String {
@@ -12,8 +16,11 @@ fn attempt(text: &str) -> String {
     match check(&project, CheckOptions::default()) {
         Err(more) => out.push_str(&show(&more)),
         Ok(typed) => {
-            if let Err(more) = compile(&typed, &spec("P")) {
-                out.push_str(&show(&more));
+            match compile(&typed, &spec("P")) {
+                Err(more) => out.push_str(&show(&more)),
+                // What is compiled must also be valid.
+                Ok(mc) => wasmtime::Module::validate(&ENGINE, &mc.wasm)
+                    .unwrap_or_else(|e| panic!("{text}\n{e:?}")),
             }
         }
     }

@@ -1,7 +1,6 @@
 //! Runs a range of seeds and says what came of them: `cargo run --release -p fam-simulation --example seeds -- 0 1000`.
 //!
-//! With a single seed and `log` the event log is printed: `... --example seeds -- 17 1 log`. `disk` puts the real repository on a
-//! simulated disk.
+//! With a single seed and `log` the event log is printed: `... --example seeds -- 17 1 log`. `harsh` takes larger cells and more trouble.
 
 use fam_simulation::simulator::{Options, explain, run};
 use std::collections::BTreeMap;
@@ -11,9 +10,10 @@ fn main() {
     let number = |at: usize, or: u64| words.get(at).and_then(|w| w.parse().ok()).unwrap_or(or);
     let has = |word: &str| words.iter().any(|w| w == word);
     let (from, count) = (number(0, 0), number(1, 100));
-    let options = Options {
-        disk: has("disk"),
-        ..Options::default()
+    let options = if has("harsh") {
+        Options::harsh()
+    } else {
+        Options::default()
     };
     if has("log") {
         print!("{}", explain(from, &options));

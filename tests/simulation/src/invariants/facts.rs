@@ -165,7 +165,7 @@ impl Facts {
     pub(super) fn take(&mut self, seen: &Seen<'_>) {
         let now_us = self.now_us;
         match seen {
-            Seen::Ordered { .. } | Seen::End { .. } => {}
+            Seen::Ordered { .. } | Seen::Diverted { .. } | Seen::End { .. } => {}
             Seen::Granted { opened, owner, .. } => {
                 if let Some(mc) = self.mcs.get_mut(&opened.mc) {
                     // The same grant may be told again.
@@ -215,8 +215,21 @@ impl Facts {
                     }
                 }
             }
-            Seen::FailSafe { mc } => self.end(mc, Ended::FailSafe),
-            Seen::Faulted { mc } => self.end(mc, Ended::Faulted),
+            Seen::FailSafe { mc } => {
+                if let Some(mc) = self.mcs.get_mut(*mc) {
+                    mc.field = Some(mc.model.fail_safe.clone());
+                    mc.fail_safe = true;
+                }
+            }
+            // Between field and record lies a moment in which the gateway may die: then the record is as good as closed by the restart.
+            Seen::Closed { mc, faulted } => {
+                let why = if *faulted {
+                    Ended::Faulted
+                } else {
+                    Ended::FailSafe
+                };
+                self.end(mc, why);
+            }
             Seen::Image(image) => {
                 if self.images.len() == IMAGES_MAX {
                     self.images.pop_front();
@@ -224,8 +237,7 @@ impl Facts {
                 self.images.push_back(Arc::clone(image));
             }
             Seen::Scanned(frame) => {
-                if let (Some(to), Some(mc)) =
-                    (&frame.released_to, self.mcs.get_mut(&frame.spec.mc))
+                if let (Some(to), Some(mc)) = (&frame.released_to, self.mcs.get_mut(&frame.spec.mc))
                 {
                     mc.releases.insert(frame.epoch, (frame.scan, to.clone()));
                 }
@@ -245,10 +257,6 @@ impl Facts {
         let Some(mc) = self.mcs.get_mut(mc) else {
             return;
         };
-        if why == Ended::FailSafe {
-            mc.field = Some(mc.model.fail_safe.clone());
-            mc.fail_safe = true;
-        }
         if let Some(head) = &mut mc.head {
             head.released = None;
         }

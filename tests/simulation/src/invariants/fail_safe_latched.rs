@@ -46,18 +46,19 @@ fn overdue(mc: &McFacts, facts: &Facts, when: &str) -> Result<(), String> {
     let Some(grant) = &mc.grant else {
         return Ok(());
     };
-    if matches!(grant.ended, Some(Ended::Stopped | Ended::FailSafe | Ended::Faulted)) {
+    if matches!(
+        grant.ended,
+        Some(Ended::Stopped | Ended::FailSafe | Ended::Faulted)
+    ) {
         return Ok(());
     }
-    let last_us = grant
-        .applied_at_us
-        .unwrap_or(0)
-        .max(grant.at_us)
-        .max(if grant.ended == Some(Ended::Restart) {
+    let last_us = grant.applied_at_us.unwrap_or(0).max(grant.at_us).max(
+        if grant.ended == Some(Ended::Restart) {
             facts.gateway_up_us
         } else {
             0
-        });
+        },
+    );
     // A gateway that stood still sets the values when it goes on.
     let wakes_us = facts.gateway_up_us + SLACK_US;
     let due_us = last_us + mc.model.watchdog_us + mc.model.watchdog_us / 1_000 + SLACK_US;

@@ -20,7 +20,10 @@ impl Invariant for Liveness {
         if missing.is_empty() {
             Ok(())
         } else {
-            Err(format!("not driven after the quiet time: {}", missing.join("; ")))
+            Err(format!(
+                "not driven after the quiet time: {}",
+                missing.join("; ")
+            ))
         }
     }
 }

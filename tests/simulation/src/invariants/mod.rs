@@ -73,21 +73,32 @@ pub enum Seen<'a> {
         /// The MC.
         mc: &'a McId,
     },
-    /// The gateway's record of a fault is on disk: the MC needs a reset.
-    Faulted {
+    /// The gateway's record says that the fail-safe values are set.
+    Closed {
         /// The MC.
         mc: &'a McId,
+        /// Because its logic trapped: it needs a reset.
+        faulted: bool,
     },
     /// The gateway sends an image.
     Image(&'a Arc<InputImage>),
     /// A scan thread hands a frame on.
     Scanned(&'a ScannedFrame),
+    /// An MC Agent sends its MC from normal logic into the stop POU: on order, or after a trap.
+    Diverted {
+        /// The MC.
+        mc: &'a McId,
+        /// The node.
+        owner: &'a Owner,
+        /// The epoch.
+        epoch: Epoch,
+    },
     /// The gateway has started, or goes on after it stood still.
     GatewayUp {
         /// It has started anew: all epochs are closed.
         restarted: bool,
     },
-    /// An operator's reset gives the MC a new life, from the gateway's next grant on; told for the log only.
+    /// The quiet time is over.
     End {
         /// For each MC, whether it has to be driven by now, and what stands in the way.
         must_drive: &'a [(McId, Option<String>)],

@@ -72,7 +72,11 @@ fn first(frame: &ScannedFrame, facts: &Facts) -> Result<Run, String> {
         return Err(format!("{} runs without a grant", words(frame)));
     };
     if grant.owner != frame.owner {
-        return Err(format!("{} runs under the grant of {}", words(frame), grant.owner));
+        return Err(format!(
+            "{} runs under the grant of {}",
+            words(frame),
+            grant.owner
+        ));
     }
     if frame.base != grant.base {
         return Err(format!(
@@ -85,7 +89,10 @@ fn first(frame: &ScannedFrame, facts: &Facts) -> Result<Run, String> {
     let base = match frame.base {
         None => None,
         Some(id) => Some(mc.head_of(id).ok_or_else(|| {
-            format!("{} starts from {id:?}, which was never recorded", words(frame))
+            format!(
+                "{} starts from {id:?}, which was never recorded",
+                words(frame)
+            )
         })?),
     };
     let inputs = inputs(frame, facts)?;

@@ -1,7 +1,7 @@
 //! **Critical intervals are answered as declared** (point 6): an epoch after an interruption begins with the action of the critical
 //! interval that holds, an interrupted action goes on if it may be repeated, and leads to a safe stop if not.
 
-use super::reference::{begin, beginning, scan};
+use super::reference::{begin, beginning, scan, stop};
 use super::{Facts, Invariant, Seen};
 use fam_node_core::McRuntime;
 use fam_proto::{Epoch, McId, Owner, Reset};
@@ -10,6 +10,8 @@ use std::collections::BTreeMap;
 #[derive(Default)]
 pub(super) struct RecoveryAsDeclared {
     begun: BTreeMap<(McId, Owner), Epoch>,
+    /// Sent into the stop POU before the first frame of the epoch.
+    diverted: BTreeMap<(McId, Owner), Epoch>,
 }
 
 impl Invariant for RecoveryAsDeclared {
@@ -18,10 +20,15 @@ impl Invariant for RecoveryAsDeclared {
     }
 
     fn see(&mut self, seen: &Seen<'_>, facts: &Facts) -> Result<(), String> {
+        if let Seen::Diverted { mc, owner, epoch } = seen {
+            let key = ((*mc).clone(), (*owner).clone());
+            self.diverted.insert(key, *epoch);
+        }
         let Seen::Scanned(frame) = seen else {
             return Ok(());
         };
         let key = (frame.spec.mc.clone(), frame.owner.clone());
+        let diverted = self.diverted.remove(&key) == Some(frame.epoch);
         if self.begun.insert(key, frame.epoch) == Some(frame.epoch) {
             return Ok(());
         }
@@ -46,8 +53,14 @@ impl Invariant for RecoveryAsDeclared {
         let Some(how) = beginning(grant, base, &mc.model.diagnosis) else {
             return Err(format!("{what} begins although nothing may be run"));
         };
+        let padding = facts.cell.mcs[index].padding;
         let state = base.map(|b| b.state.as_slice());
-        let mut model = begin(facts.cell.mcs[index].padding, state, &how);
+        let mut model = begin(padding, state, &how);
+        if diverted {
+            // Its first scan has trapped, or an order to stop came before it.
+            let begun = model.checkpoint().to_vec();
+            model = stop(padding, &begun);
+        }
         let traps = scan(&mut model, &inputs.bytes, frame.mc_time_us).is_none();
         if traps || model.checkpoint() != frame.buffer.state() {
             return Err(format!(

@@ -69,7 +69,10 @@ pub(super) fn beginning(
             if repeatable {
                 from(action, true)
             } else {
-                from(unrecoverable(Some(action)).unwrap_or(diagnosis.stop_action?), false)
+                from(
+                    unrecoverable(Some(action)).unwrap_or(diagnosis.stop_action?),
+                    false,
+                )
             }
         }
     }

@@ -36,21 +36,53 @@ pub enum Canary {
 }
 
 impl Canary {
-    /// All of them, each with the invariant that has to find it.
-    pub const ALL: [(Canary, &'static str); 14] = [
-        (Canary::GatewayForgetsRecords, "nothing that the plant has seen is lost"),
-        (Canary::GatewayLosesNewestHead, "nothing that the plant has seen is lost"),
-        (Canary::GatewayForcesOpens, "a healthy owner keeps its MC"),
-        (Canary::DeposedOwnerDrives, "one driver"),
-        (Canary::OrderDoubled, "only the named successor goes on"),
-        (Canary::FailSafeForgotten, "outputs fail safe, and it latches"),
-        (Canary::ResetForgotten, "stopped stays stopped"),
-        (Canary::AnswersLost, "an MC that an able controller hosts is driven"),
-        (Canary::EpochsForgotten, "epochs are never reused"),
-        (Canary::StaleStart, "no invented state"),
-        (Canary::McTimeRestarts, "MC time grows by one cycle a scan"),
-        (Canary::OldInputs, "inputs never grow older"),
-        (Canary::RecoverySkipped, "critical intervals are answered as declared"),
-        (Canary::ReleaseAnywhere, "planned moves never start in a critical interval"),
+    /// All of them, each with the invariant that has to find it and the number of seeds within which it has to.
+    pub const ALL: [(Canary, &'static str, u64); 14] = [
+        (
+            Canary::GatewayForgetsRecords,
+            "nothing that the plant has seen is lost",
+            20,
+        ),
+        (
+            Canary::GatewayLosesNewestHead,
+            "nothing that the plant has seen is lost",
+            20,
+        ),
+        (
+            Canary::GatewayForcesOpens,
+            "a healthy owner keeps its MC",
+            20,
+        ),
+        (Canary::DeposedOwnerDrives, "one driver", 20),
+        (Canary::OrderDoubled, "only the named successor goes on", 60),
+        (
+            Canary::FailSafeForgotten,
+            "outputs fail safe, and it latches",
+            20,
+        ),
+        (Canary::ResetForgotten, "stopped stays stopped", 20),
+        (
+            Canary::AnswersLost,
+            "an MC that an able controller hosts is driven",
+            20,
+        ),
+        (Canary::EpochsForgotten, "epochs are never reused", 150),
+        (Canary::StaleStart, "no invented state", 20),
+        (
+            Canary::McTimeRestarts,
+            "MC time grows by one cycle a scan",
+            20,
+        ),
+        (Canary::OldInputs, "inputs never grow older", 80),
+        (
+            Canary::RecoverySkipped,
+            "critical intervals are answered as declared",
+            20,
+        ),
+        (
+            Canary::ReleaseAnywhere,
+            "planned moves never start in a critical interval",
+            20,
+        ),
     ];
 }

@@ -48,6 +48,17 @@ pub enum Fault {
         /// How long, in microseconds.
         us: u64,
     },
+    /// A direction takes longer than the others for a while.
+    SlowLink {
+        /// From.
+        from: Pid,
+        /// To.
+        to: Pid,
+        /// How much longer, in microseconds.
+        by_us: u64,
+        /// How long, in microseconds.
+        us: u64,
+    },
     /// An operator's command.
     Command(CommandKind),
     /// The logic of an MC traps.
@@ -69,6 +80,15 @@ pub enum Fault {
     },
     /// The gateway's disk refuses syncs for a while.
     GatewayDiskFails {
+        /// How long, in microseconds.
+        us: u64,
+    },
+    /// A node's link is congested for a while: images to it get lost, messages do not.
+    LostImages {
+        /// Which.
+        node: usize,
+        /// How many, in a thousand.
+        permille: u64,
         /// How long, in microseconds.
         us: u64,
     },
@@ -107,6 +127,7 @@ impl Fault {
             Fault::Cut { pairs, .. } if pairs.len() == 2 => "two-way cut",
             Fault::Cut { .. } => "isolation",
             Fault::Storm { name, .. } => name,
+            Fault::SlowLink { .. } => "slow link",
             Fault::Command(CommandKind::Move { force: true, .. }) => "forced move",
             Fault::Command(CommandKind::Move { .. }) => "move",
             Fault::Command(CommandKind::Drain(_)) => "drain",
@@ -118,6 +139,7 @@ impl Fault {
             Fault::FieldSilent { .. } => "silent field",
             Fault::ManagerDiskFails { .. } => "manager's disk fails",
             Fault::GatewayDiskFails { .. } => "gateway's disk fails",
+            Fault::LostImages { .. } => "lost images",
             Fault::LateTicks { .. } => "late ticks",
         }
     }
@@ -130,9 +152,11 @@ impl Fault {
                 Fault::Freeze { us, .. }
                 | Fault::Cut { us, .. }
                 | Fault::Storm { us, .. }
+                | Fault::SlowLink { us, .. }
                 | Fault::FieldSilent { us }
                 | Fault::ManagerDiskFails { us }
                 | Fault::GatewayDiskFails { us }
+                | Fault::LostImages { us, .. }
                 | Fault::LateTicks { us, .. } => *us,
                 Fault::Crash { down_us, .. } => down_us.unwrap_or(0),
                 Fault::Terminate { .. } | Fault::Command(_) | Fault::Trap { .. } => 0,
@@ -206,8 +230,14 @@ fn fault(cell: &Cell, random: &mut Random) -> Fault {
             pid: Pid::Gateway,
             us: ms(random, 10, 900),
         },
-        49..62 => cut(cell, random),
-        62..71 => storm(random),
+        49..59 => cut(cell, random),
+        59..63 => Fault::SlowLink {
+            from: Pid::Gateway,
+            to: Pid::Node(node),
+            by_us: ms(random, 2, 60),
+            us: ms(random, 100, 1_500),
+        },
+        63..71 => storm(random),
         71..79 => Fault::Command(CommandKind::Move {
             mc: mc_id,
             to,
@@ -235,9 +265,14 @@ fn fault(cell: &Cell, random: &mut Random) -> Fault {
         95..96 => Fault::GatewayDiskFails {
             us: ms(random, 10, 300),
         },
-        96..98 => Fault::Terminate {
+        96..97 => Fault::Terminate {
             node,
             down_us: ms(random, 20, 800),
+        },
+        97..99 => Fault::LostImages {
+            node,
+            permille: random.between(200, 950),
+            us: ms(random, 50, 1_500),
         },
         _ => Fault::LateTicks {
             node,

@@ -138,7 +138,9 @@ impl World {
                     let torn = mc.clone();
                     self.records.write(RecordWrite::Head { mc, head });
                     self.records.tear_head(&torn);
-                    self.note(|| format!("gateway  dies in the middle of writing a head of {torn}"));
+                    self.note(|| {
+                        format!("gateway  dies in the middle of writing a head of {torn}")
+                    });
                 }
                 _ => {
                     let _ = self.record(RecordWrite::Head { mc, head });
@@ -157,12 +159,12 @@ impl World {
         self.records.write(write.clone());
         match &write {
             RecordWrite::Head { mc, head } => self.see(&Seen::Recorded { mc, head }),
-            RecordWrite::Changed { mc, ledger, .. }
-                if matches!(ledger.state, RecordState::Faulted(_)) =>
-            {
-                self.see(&Seen::Faulted { mc });
-            }
-            RecordWrite::Opened { .. } | RecordWrite::Changed { .. } => {}
+            RecordWrite::Changed { mc, ledger, .. } => match &ledger.state {
+                RecordState::FailSafe => self.see(&Seen::Closed { mc, faulted: false }),
+                RecordState::Faulted(_) => self.see(&Seen::Closed { mc, faulted: true }),
+                _ => {}
+            },
+            RecordWrite::Opened { .. } => {}
         }
         if fails {
             Err("No space left on device".to_owned())
@@ -182,7 +184,11 @@ impl World {
                 self.see(&Seen::Image(&image));
                 self.transmit(Pid::Gateway, Pid::Manager, Packet::Image(image.clone()));
                 for n in 0..self.nodes.len() {
-                    self.transmit(Pid::Gateway, Pid::Node(n), Packet::Image(image.clone()));
+                    let faults = self.lost_images.values().filter(|(node, _)| *node == n);
+                    let lost = faults.map(|(_, permille)| *permille).max().unwrap_or(0);
+                    if !self.random.chance(lost) {
+                        self.transmit(Pid::Gateway, Pid::Node(n), Packet::Image(image.clone()));
+                    }
                 }
             }
             GatewayAct::ApplyOutputs { mc, outputs, why } => match why {
@@ -201,6 +207,9 @@ impl World {
                         applied: &applied,
                         outputs: &outputs,
                     });
+                    if self.options.log {
+                        self.applied.push(applied);
+                    }
                 }
                 Why::FailSafe => {
                     self.note(|| format!("field    {mc}: fail-safe values"));

@@ -2,7 +2,8 @@
 
 use super::canary::Canary;
 use super::network::Pid;
-use super::world::World;
+use super::random::Random;
+use super::world::{Event, World};
 use crate::invariants::Seen;
 use fam_agents::manager::{ManagerAgents, ManagerLocal};
 use fam_proto::agent::{Agent, Input, Output};
@@ -10,55 +11,63 @@ use fam_proto::{AgentId, CellId, Epoch, Message, RepoState, RepoWrite};
 use fam_repository::Repository;
 use fam_repository::disk::Disk;
 
-/// Where the manager keeps what it knows.
+/// A manager that could not open its repository is started again after this long, in microseconds.
+const START_AGAIN_US: u64 = 50_000;
+
+/// Where the manager keeps what it knows: the real repository on a simulated disk.
 pub(super) struct Store {
     /// What was answered `Ok`: what has to be there after a restart.
     pub promised: RepoState,
-    /// What the planted bug has not written.
-    kept: RepoState,
-    real: Option<Real>,
-}
-
-/// The real repository on a simulated disk.
-struct Real {
     cell: CellId,
     disk: Disk,
     open: Option<Repository>,
 }
 
 impl Store {
-    pub(super) fn new(cell: &CellId, real: bool) -> Store {
+    pub(super) fn new(cell: &CellId) -> Store {
         Store {
             promised: RepoState::default(),
-            kept: RepoState::default(),
-            real: real.then(|| Real {
-                cell: cell.clone(),
-                disk: Disk::default(),
-                open: None,
-            }),
+            cell: cell.clone(),
+            disk: Disk::default(),
+            open: None,
         }
     }
 
     fn load(&mut self) -> Result<RepoState, String> {
-        let Some(real) = &mut self.real else {
-            return Ok(self.kept.clone());
-        };
-        let disk = real.disk.clone();
-        let opened = Repository::over(&real.cell, move || Ok(disk.backend()));
+        let disk = self.disk.clone();
+        let opened = Repository::over(&self.cell, move || Ok(disk.backend()));
         let (repository, state) = opened.map_err(|error| error.to_string())?;
-        real.open = Some(repository);
+        self.open = Some(repository);
         Ok(state)
     }
 
     fn write(&mut self, write: &RepoWrite) -> Result<(), String> {
-        if let Some(repository) = self.real.as_mut().and_then(|r| r.open.as_mut()) {
-            repository
-                .store(std::slice::from_ref(write))
-                .map_err(|error| error.to_string())?;
-        }
-        self.kept.apply(write);
+        let repository = self.open.as_mut().ok_or("it is not open")?;
+        repository
+            .store(std::slice::from_ref(write))
+            .map_err(|error| error.to_string())?;
         self.promised.apply(write);
         Ok(())
+    }
+
+    /// From now on every write fails, or none.
+    pub(super) fn fails(&mut self, fails: bool) {
+        self.disk.fail_in(fails.then_some(0));
+    }
+
+    /// The power goes off: of what was not synced some is on the disk.
+    fn crash(&mut self, random: &mut Random) {
+        self.disk.crash(|_| random.chance(500));
+        self.open = None;
+    }
+
+    /// Epochs that were promised and are not there any more.
+    fn lost(&self, restored: &RepoState) -> Vec<String> {
+        let there = |mc| restored.epochs.get(mc).copied().unwrap_or_default();
+        let lost = self.promised.epochs.iter();
+        lost.filter(|(mc, upto)| there(mc) < **upto)
+            .map(|(mc, upto)| format!("{mc} up to {upto}, found {}", there(mc)))
+            .collect()
     }
 }
 
@@ -66,18 +75,23 @@ impl World {
     pub(super) fn start_manager(&mut self) {
         let restored = match self.store.load() {
             Ok(state) => state,
+            Err(_) if self.manager_disk_fails > 0 => {
+                // It says so and ends; whoever looks after it starts it again.
+                let at_us = self.now_us + START_AGAIN_US;
+                self.queue.push(at_us, Event::Start(Pid::Manager));
+                return;
+            }
             Err(error) => {
                 self.defect(format!("the manager's repository does not open: {error}"));
                 return;
             }
         };
-        let promised = &self.store.promised;
-        if self.options.canary.is_none() && restored.epochs != promised.epochs {
-            let text = format!(
-                "the repository has lost epochs: {:?} instead of {:?}",
-                restored.epochs, promised.epochs
-            );
-            self.defect(text);
+        let lost = self.store.lost(&restored);
+        if !lost.is_empty() && !self.has(Canary::EpochsForgotten) {
+            self.defect(format!(
+                "the repository has lost epochs: {}",
+                lost.join("; ")
+            ));
         }
         let now = self.local(Pid::Manager);
         let boot = self.boot_of(Pid::Manager);
@@ -86,13 +100,8 @@ impl World {
         self.manager_input(Input::Local(ManagerLocal::Wall { unix_us: boot.0 }));
     }
 
-    /// The power goes off: what was not synced is on the disk or not.
     pub(super) fn kill_store(&mut self) {
-        let World { store, random, .. } = self;
-        if let Some(real) = &mut store.real {
-            real.disk.crash(|_| random.chance(500));
-            real.open = None;
-        }
+        self.store.crash(&mut self.random);
     }
 
     pub(super) fn manager_input(&mut self, input: Input<ManagerLocal>) {
@@ -140,7 +149,10 @@ impl World {
                 Output::Event(event) => {
                     self.deed(super::quiet::deed_of(event.kind));
                     self.note(|| {
-                        format!("manager  EVENT {:?} {:?}: {}", event.severity, event.kind, event.text)
+                        format!(
+                            "manager  EVENT {:?} {:?}: {}",
+                            event.severity, event.kind, event.text
+                        )
                     });
                 }
             }
@@ -149,15 +161,14 @@ impl World {
     }
 
     fn store_write(&mut self, write: &RepoWrite) -> Result<(), String> {
-        if self.manager_disk_fails > 0 {
-            return Err("No space left on device".to_owned());
-        }
         if self.has(Canary::EpochsForgotten) && matches!(write, RepoWrite::EpochBlock { .. }) {
             self.store.promised.apply(write);
             return Ok(());
         }
         let result = self.store.write(write);
-        if let Err(error) = &result {
+        if let Err(error) = &result
+            && self.manager_disk_fails == 0
+        {
             self.defect(format!("the repository fails on a good disk: {error}"));
         }
         result

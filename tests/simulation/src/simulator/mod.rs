@@ -27,11 +27,12 @@ mod world;
 pub use canary::Canary;
 pub use cell::{Cell, FAIL_SAFE, McInfo, Size, TICK_US};
 pub use faults::{Fault, Trouble, schedule};
-pub use network::{Network, Pid, Weather};
+pub use network::{CALM, Network, Pid, Weather};
 pub use random::Random;
 pub use time::{Clock, Queue};
 
 use crate::invariants::Violation;
+use fam_proto::Applied;
 use std::collections::BTreeMap;
 use world::World;
 
@@ -44,8 +45,8 @@ pub struct Options {
     pub trouble: Trouble,
     /// After the last fault every MC has to be driven within this time, in microseconds.
     pub bound_us: u64,
-    /// The manager's repository is the real one on a simulated disk, not a copy in memory.
-    pub disk: bool,
+    /// A schedule of one's own, in place of the one that the seed chooses.
+    pub script: Option<Vec<(u64, Fault)>>,
     /// A planted bug.
     pub canary: Option<Canary>,
     /// Whether the event log is written.
@@ -65,9 +66,28 @@ impl Default for Options {
                 faults: (5, 12),
             },
             bound_us: 8_000_000,
-            disk: false,
+            script: None,
             canary: None,
             log: false,
+        }
+    }
+}
+
+impl Options {
+    /// Larger cells, and more trouble for longer.
+    #[must_use]
+    pub fn harsh() -> Options {
+        Options {
+            size: Size {
+                controllers: (2, 6),
+                mcs: (3, 8),
+            },
+            trouble: Trouble {
+                from_us: 200_000,
+                to_us: 8_000_000,
+                faults: (15, 50),
+            },
+            ..Options::default()
         }
     }
 }
@@ -91,8 +111,16 @@ pub struct Outcome {
     pub recovered_us: u64,
     /// Digest of all events.
     pub digest: u64,
+    /// Frames applied to the field, if the log was asked for.
+    pub applied: Vec<Applied>,
     /// The event log, if it was asked for.
     pub log: Vec<String>,
+}
+
+/// The cell that a seed chooses.
+#[must_use]
+pub fn cell(seed: u64, options: &Options) -> Cell {
+    Cell::choose(&options.size, &mut Random::new(seed, 1))
 }
 
 /// Runs the schedule of a seed.

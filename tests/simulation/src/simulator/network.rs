@@ -66,6 +66,8 @@ const HELD_BACK_PERMILLE: u64 = 200;
 pub struct Network {
     weather: Weather,
     cuts: BTreeMap<(Pid, Pid), Cut>,
+    /// Directions that take longer than the others, and by how much.
+    slow_us: BTreeMap<(Pid, Pid), u64>,
     last_us: BTreeMap<(Pid, Pid), u64>,
     /// How long a silent link keeps its liveliness tokens, in microseconds.
     pub lease_us: u64,
@@ -78,6 +80,7 @@ impl Network {
         Network {
             weather: CALM,
             cuts: BTreeMap::new(),
+            slow_us: BTreeMap::new(),
             last_us: BTreeMap::new(),
             lease_us,
         }
@@ -86,6 +89,15 @@ impl Network {
     /// From now on it behaves like this.
     pub fn set_weather(&mut self, weather: Weather) {
         self.weather = weather;
+    }
+
+    /// From now on a direction takes this much longer than the others; 0: no more.
+    pub fn slow_down(&mut self, from: Pid, to: Pid, by_us: u64) {
+        if by_us == 0 {
+            self.slow_us.remove(&(from, to));
+        } else {
+            self.slow_us.insert((from, to), by_us);
+        }
     }
 
     /// Cuts a direction once more.
@@ -132,6 +144,7 @@ impl Network {
             ];
         }
         let weather = self.weather;
+        let now_us = now_us + self.slow_us.get(&(from, to)).copied().unwrap_or(0);
         let mut one = |random: &mut Random| {
             let mut at = now_us + random.between(weather.delay_us.0, weather.delay_us.1);
             if weather.ordered {
@@ -145,9 +158,7 @@ impl Network {
             return [None, None];
         }
         let first = one(random);
-        let copy = random
-            .chance(weather.doubled_permille)
-            .then(|| one(random));
+        let copy = random.chance(weather.doubled_permille).then(|| one(random));
         [Some(first), copy]
     }
 }

@@ -5,18 +5,14 @@ use super::cell::TICK_US;
 use super::network::Pid;
 use super::world::{Event, Packet, World};
 use crate::invariants::Seen;
-use fam_agents::node::{
-    McTotals, NodeAct, NodeAgents, NodeConfig, NodeLocal, NodeSample,
-};
+use fam_agents::node::{McTotals, NodeAct, NodeAgents, NodeConfig, NodeLocal, NodeSample};
 use fam_node_core::model_mc::ModelMc;
 use fam_node_core::{
     ActiveMc, FrameEncoder, Replica, ReplicaOutcome, ScanCommand, ScanCore, ScanHost, ScannedFrame,
 };
 use fam_proto::access::{Activation, McAct, McNews, Start, StateSource};
 use fam_proto::agent::{Agent, Input, Output};
-use fam_proto::{
-    AgentId, BootId, Checkpoint, InputImage, McId, Now, Owner, RecordState,
-};
+use fam_proto::{AgentId, BootId, Checkpoint, InputImage, McId, Now, Owner, RecordState};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -330,6 +326,11 @@ impl World {
         let Some(place) = node.mcs.iter().position(|m| *m == index) else {
             return;
         };
+        if let McAct::RunAction { epoch, .. } = act {
+            let owner = &node.owner;
+            let seen = Seen::Diverted { mc, owner, epoch };
+            self.invariants.see(&seen, self.now_us);
+        }
         let outcome = node.replicas[place].act(act);
         self.outcome(n, place, outcome);
     }
@@ -367,10 +368,7 @@ impl World {
             image: head.image,
             state: head.state.as_ref().clone(),
         };
-        let own = activation
-            .base
-            .and_then(|id| facts.head_of(id))
-            .map(of);
+        let own = activation.base.and_then(|id| facts.head_of(id)).map(of);
         let given = match (self.options.canary, own) {
             (Some(Canary::StaleStart), Some(_)) => facts.before.as_ref().map(of),
             (Some(Canary::McTimeRestarts), Some(checkpoint)) => Some(Checkpoint {
@@ -434,10 +432,7 @@ impl NodeBody {
     fn blind(&self, image: &InputImage) -> InputImage {
         let mut image = image.clone();
         for record in &mut image.records {
-            let place = self
-                .replicas
-                .iter()
-                .position(|r| r.spec().mc == record.mc);
+            let place = self.replicas.iter().position(|r| r.spec().mc == record.mc);
             let epoch = place
                 .and_then(|place| self.scan.active(place))
                 .map(ActiveMc::epoch);
@@ -466,4 +461,3 @@ fn act_words(act: &McAct) -> String {
         other => format!("{other:?}"),
     }
 }
-

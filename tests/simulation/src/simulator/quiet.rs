@@ -45,7 +45,8 @@ impl World {
             if let Some(life) = self.lives.get_mut(&pid) {
                 life.doomed = None;
             }
-            if !self.is_up(pid) && !(is_node && self.random.chance(STAYS_AWAY_PERMILLE)) {
+            let stays_away = is_node && self.random.chance(STAYS_AWAY_PERMILLE);
+            if !self.is_up(pid) && !stays_away {
                 let at_us = self.now_us + self.random.between(1, 100_000);
                 self.queue.push(at_us, Event::Start(pid));
             }
@@ -108,23 +109,24 @@ impl World {
             return Some("gateway or manager is down".to_owned());
         };
         let info = &self.cell.mcs[self.cell.index(mc)?];
-        let able = |n: &usize| {
-            let controller = &self.cell.controllers[*n];
-            let view = manager.view().controllers.get(controller);
-            self.nodes[*n].is_some() && !view.is_some_and(|c| c.drained || c.leaving)
+        let emptied = |n: usize| {
+            let view = manager.view().controllers.get(&self.cell.controllers[n]);
+            view.is_some_and(|c| c.drained || c.leaving)
         };
+        let able = |n: &usize| self.nodes[*n].is_some() && !emptied(*n);
         if !info.hosts.iter().any(able) {
             return None;
         }
         let record = gateway.gate(mc)?.summary(self.local(Pid::Gateway));
-        let owner_lives = record.owner.as_ref().is_some_and(|o| {
-            let node = self.cell.node(&o.controller).map(Pid::Node);
-            node.is_some_and(|pid| self.is_this(pid, o.boot))
+        // It has to leave a drained controller, too.
+        let well_placed = record.owner.as_ref().is_some_and(|o| {
+            let node = self.cell.node(&o.controller);
+            node.is_some_and(|n| self.is_this(Pid::Node(n), o.boot) && !emptied(n))
         });
         let fresh_us = DRIVEN_CYCLES * u64::from(info.model.cycle_us) + 10_000;
         let driven = record.state == RecordState::Open
             && record.driven
-            && owner_lives
+            && well_placed
             && record.silent_us <= fresh_us
             && record.phase == Some(Phase::Running);
         (!driven).then(|| {

@@ -129,7 +129,10 @@ mod tests {
             for wanted in [5_000_000, 5_000_001, 5_123_456, 9_999_999, 40_000_000] {
                 let at = clock.global(Now(wanted));
                 assert!(clock.local(at) >= Now(wanted), "{clock:?} {wanted}");
-                assert!(at == 0 || at <= 777 || clock.local(at - 1) < Now(wanted), "{clock:?} {wanted}");
+                assert!(
+                    at == 0 || at <= 777 || clock.local(at - 1) < Now(wanted),
+                    "{clock:?} {wanted}"
+                );
             }
         }
     }

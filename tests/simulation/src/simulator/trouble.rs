@@ -8,6 +8,9 @@ use fam_node_core::model_mc::{TRAP_ALWAYS, TRAP_INPUT};
 use fam_proto::agent::Input;
 use fam_proto::{AgentId, BootId, Command, CommandKind, Envelope, Message};
 
+/// How often the operator repeats a command that was not answered, in microseconds.
+const ASK_AGAIN_US: u64 = 250_000;
+
 impl World {
     pub(super) fn fault(&mut self, n: usize) {
         let (_, fault) = self.schedule[n].clone();
@@ -52,6 +55,15 @@ impl World {
                 self.network.set_weather(*weather);
                 self.queue.push(now_us + us, Event::Ends(n));
             }
+            Fault::SlowLink {
+                from,
+                to,
+                by_us,
+                us,
+            } => {
+                self.network.slow_down(*from, *to, *by_us);
+                self.queue.push(now_us + us, Event::Ends(n));
+            }
             Fault::Command(what) => self.command(what.clone()),
             Fault::Trap { mc, always } => {
                 let byte = if *always { TRAP_ALWAYS } else { TRAP_INPUT };
@@ -63,10 +75,15 @@ impl World {
             }
             Fault::ManagerDiskFails { us } => {
                 self.manager_disk_fails += 1;
+                self.store.fails(true);
                 self.queue.push(now_us + us, Event::Ends(n));
             }
             Fault::GatewayDiskFails { us } => {
                 self.gateway_disk_fails += 1;
+                self.queue.push(now_us + us, Event::Ends(n));
+            }
+            Fault::LostImages { node, permille, us } => {
+                self.lost_images.insert(n, (*node, *permille));
                 self.queue.push(now_us + us, Event::Ends(n));
             }
             Fault::LateTicks { node, late_us, us } => {
@@ -79,9 +96,7 @@ impl World {
     fn has_effect(&self, fault: &Fault) -> bool {
         match fault {
             Fault::Crash { pid, .. } => self.is_up(*pid),
-            Fault::Freeze { pid, .. } => {
-                self.is_up(*pid) && self.lives[pid].frozen_us.is_none()
-            }
+            Fault::Freeze { pid, .. } => self.is_up(*pid) && self.lives[pid].frozen_us.is_none(),
             Fault::Terminate { node, .. } => {
                 let pid = Pid::Node(*node);
                 self.is_up(pid) && self.lives[&pid].frozen_us.is_none()
@@ -115,9 +130,16 @@ impl World {
                 let weather = self.storms.last().map_or(CALM, |(_, weather)| *weather);
                 self.network.set_weather(weather);
             }
+            Fault::SlowLink { from, to, .. } => self.network.slow_down(*from, *to, 0),
             Fault::FieldSilent { .. } => self.field_silent -= 1,
-            Fault::ManagerDiskFails { .. } => self.manager_disk_fails -= 1,
+            Fault::ManagerDiskFails { .. } => {
+                self.manager_disk_fails -= 1;
+                self.store.fails(self.manager_disk_fails > 0);
+            }
             Fault::GatewayDiskFails { .. } => self.gateway_disk_fails -= 1,
+            Fault::LostImages { .. } => {
+                self.lost_images.remove(&n);
+            }
             Fault::LateTicks { .. } => {
                 self.late.remove(&n);
             }
@@ -134,15 +156,39 @@ impl World {
             self.plant.traps.remove(&index);
         }
         self.commands += 1;
+        let id = self.commands;
+        self.open_commands.insert(id, Command { id, what });
+        self.ask(id);
+        self.queue
+            .push(self.now_us + ASK_AGAIN_US, Event::Ask { id });
+    }
+
+    /// A command is repeated with the same number until it is answered.
+    pub(super) fn ask_again(&mut self, id: u64) {
+        if self.open_commands.contains_key(&id) {
+            self.ask(id);
+            self.queue
+                .push(self.now_us + ASK_AGAIN_US, Event::Ask { id });
+        }
+    }
+
+    fn ask(&mut self, id: u64) {
+        let Some(command) = self.open_commands.get(&id) else {
+            return;
+        };
         let envelope = Envelope {
             from: AgentId::Client(1),
             boot: BootId(1),
             to: AgentId::Manager,
-            body: Message::Command(Command {
-                id: self.commands,
-                what,
-            }),
+            body: Message::Command(command.clone()),
         };
         self.send(Pid::Operator, envelope);
+    }
+
+    /// The operator hears something.
+    pub(super) fn answered(&mut self, envelope: &Envelope) {
+        if let Message::CommandReply(reply) = &envelope.body {
+            self.open_commands.remove(&reply.id);
+        }
     }
 }

@@ -15,7 +15,9 @@ use crate::invariants::{Invariants, Seen};
 use fam_agents::manager::ManagerAgents;
 use fam_gateway_core::{Gateway, MemoryRecords};
 use fam_proto::agent::{Agent, Input};
-use fam_proto::{AgentId, BootId, Envelope, InputImage, McId, Message, Now, ProcessId};
+use fam_proto::{
+    AgentId, Applied, BootId, Command, Envelope, InputImage, McId, Message, Now, ProcessId,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -58,6 +60,8 @@ pub(super) enum Event {
     Fault(usize),
     /// It ends.
     Ends(usize),
+    /// The operator repeats a command that was not answered.
+    Ask { id: u64 },
     /// The quiet time begins.
     Quiet,
     /// The operator looks after stopped MCs.
@@ -107,10 +111,16 @@ pub(super) struct World {
     pub manager_disk_fails: u32,
     pub gateway_disk_fails: u32,
     pub field_silent: u32,
+    /// How many images to a node get lost, in a thousand, by fault.
+    pub lost_images: BTreeMap<usize, (usize, u64)>,
     /// How late scan threads wake, by fault.
     pub late: BTreeMap<usize, (usize, u64)>,
     pub boots: u64,
     pub commands: u64,
+    /// Commands that nobody has answered yet.
+    pub open_commands: BTreeMap<u64, Command>,
+    /// Frames applied, if the log is written.
+    pub applied: Vec<Applied>,
     pub invariants: Invariants,
     pub log: Log,
     pub faults: BTreeMap<&'static str, u64>,
@@ -131,9 +141,11 @@ pub(super) struct Plant {
 impl World {
     pub(super) fn new(seed: u64, options: &Options) -> World {
         let mut choice = Random::new(seed, 1);
-        let cell = Cell::choose(&options.size, &mut choice)
-            .unwrap_or_else(|error| unreachable!("names made here are valid: {error}"));
-        let schedule = schedule(&cell, &options.trouble, &mut choice);
+        let cell = Cell::choose(&options.size, &mut choice);
+        let schedule = match &options.script {
+            Some(script) => script.clone(),
+            None => schedule(&cell, &options.trouble, &mut choice),
+        };
         let lease_us = 1_000 * choice.between(150, 900);
         let cell = Arc::new(cell);
         let mut world = World {
@@ -145,7 +157,7 @@ impl World {
             network: Network::new(lease_us),
             lives: BTreeMap::new(),
             manager: None,
-            store: Store::new(&cell.model.cell, options.disk),
+            store: Store::new(&cell.model.cell),
             gateway: None,
             records: MemoryRecords::default(),
             gateway_runs: 0,
@@ -157,9 +169,12 @@ impl World {
             manager_disk_fails: 0,
             gateway_disk_fails: 0,
             field_silent: 0,
+            lost_images: BTreeMap::new(),
             late: BTreeMap::new(),
             boots: FIRST_BOOT,
             commands: 0,
+            open_commands: BTreeMap::new(),
+            applied: Vec::new(),
             invariants: Invariants::new(cell.clone()),
             log: Log::new(options.log),
             faults: BTreeMap::new(),
@@ -215,7 +230,10 @@ impl World {
     /// All processes of the cell.
     pub(super) fn pids(&self) -> Vec<Pid> {
         let nodes = (0..self.nodes.len()).map(Pid::Node);
-        [Pid::Manager, Pid::Gateway].into_iter().chain(nodes).collect()
+        [Pid::Manager, Pid::Gateway]
+            .into_iter()
+            .chain(nodes)
+            .collect()
     }
 
     pub(super) fn run(mut self) -> Outcome {
@@ -243,6 +261,7 @@ impl World {
             virtual_us: self.now_us,
             recovered_us,
             digest: self.log.digest(),
+            applied: self.applied,
             log: self.log.into_lines(),
         }
     }
@@ -284,6 +303,7 @@ impl World {
             Event::Start(pid) => self.start(pid),
             Event::Fault(n) => self.fault(n),
             Event::Ends(n) => self.ends(n),
+            Event::Ask { id } => self.ask_again(id),
             Event::Quiet => self.begin_quiet(),
             Event::Operator => self.operator(),
             Event::Check => self.check(),
@@ -419,7 +439,13 @@ impl World {
         self.note(|| format!("{pid:<8} dies"));
         for other in self.pids() {
             if other != pid {
-                self.look(other, pid, 300, 8_000);
+                // As measured: most hear of it within 2 ms, a few take longer.
+                let slowest_us = if self.random.chance(900) {
+                    2_000
+                } else {
+                    8_000
+                };
+                self.look(other, pid, 300, slowest_us);
             }
         }
     }
@@ -456,8 +482,11 @@ impl World {
         } else {
             (rest, timers)
         };
+        // Messages are worked off while threads run again.
+        let each_us = self.random.between(1, 20);
         for (n, event) in first.into_iter().chain(then).enumerate() {
-            self.queue.push(self.now_us + 1 + n as u64, event);
+            let at_us = self.now_us + 1 + n as u64 * each_us;
+            self.queue.push(at_us, event);
         }
         if pid == Pid::Gateway {
             self.see(&Seen::GatewayUp { restarted: false });
@@ -576,6 +605,7 @@ impl World {
             (Pid::Node(n), Packet::Frame(mc, bytes)) => self.node_frame(n, mc, &bytes),
             (Pid::Operator, Packet::Message(m)) => {
                 self.note(|| format!("operator hears: {}", words(&m)));
+                self.answered(&m);
             }
             (Pid::Manager, Packet::Frame(..))
             | (Pid::Gateway, Packet::Image(_))
@@ -643,7 +673,10 @@ impl World {
             }
             self.note(|| {
                 let word = if alive { "sees" } else { "loses" };
-                format!("{observer:<8} {word} the token of {subject} (…{})", boot.0 % 1_000_000_000)
+                format!(
+                    "{observer:<8} {word} the token of {subject} (…{})",
+                    boot.0 % 1_000_000_000
+                )
             });
             let process = process.clone();
             match observer {
@@ -685,7 +718,10 @@ fn mark(event: &Event) -> (u64, u64) {
         Event::Inner { node, out, .. } => (3, *node as u64 ^ (out.kind() << 8)),
         Event::Deliver { to, packet } => match packet {
             Packet::Message(m) => (4, pid(to) ^ m.boot.0),
-            Packet::Frame(mc, bytes) => (5, pid(to) ^ ((*mc as u64) << 8) ^ ((bytes.len() as u64) << 16)),
+            Packet::Frame(mc, bytes) => (
+                5,
+                pid(to) ^ ((*mc as u64) << 8) ^ ((bytes.len() as u64) << 16),
+            ),
             Packet::Image(image) => (6, pid(to) ^ image.number.0),
         },
         Event::Field { boot } => (7, boot.0),
@@ -696,6 +732,7 @@ fn mark(event: &Event) -> (u64, u64) {
         Event::Quiet => (12, 0),
         Event::Operator => (13, 0),
         Event::Check => (14, 0),
+        Event::Ask { id } => (15, *id),
     }
 }
 

@@ -176,6 +176,39 @@ impl Rig {
         rig
     }
 
+    /// The same cell in the same state, to go on with another timing.
+    pub fn fork(&self, timing: Timing) -> Self {
+        let mcs = self
+            .mcs
+            .iter()
+            .map(|mc| Mc {
+                built: mc.built,
+                model: mc.model,
+                module: mc.module,
+                instance: mc.instance.as_ref().map(|from| {
+                    let mut to = Instance::new(&cell().engine, mc.module).expect("an instance");
+                    for region in 0..mc.built.compiled.layout.regions.len() {
+                        to.region_mut(region).copy_from_slice(from.region(region));
+                    }
+                    to.outputs_mut().copy_from_slice(from.outputs());
+                    to
+                }),
+                checkpoint: mc.checkpoint.clone(),
+                outputs: mc.outputs.clone(),
+                recoveries: BTreeMap::new(),
+                ..*mc
+            })
+            .collect();
+        Rig {
+            plant: self.plant.clone(),
+            mcs,
+            timing,
+            images: self.images.clone(),
+            stuck: self.stuck.clone(),
+            ticks: self.ticks,
+        }
+    }
+
     pub fn index(&self, name: &str) -> usize {
         self.mcs
             .iter()
@@ -333,13 +366,22 @@ impl Rig {
                 mc.recoveries
             ));
             if let Some(instance) = &mc.instance {
-                for path in ["step", "bearing", "shaft", "axes", "moving", "ticket", "lastTicket"] {
+                for path in [
+                    "step",
+                    "bearing",
+                    "shaft",
+                    "axes",
+                    "moving",
+                    "ticket",
+                    "lastTicket",
+                ] {
                     if let Some(value) = instance.read(&format!("{}.{path}", mc.model.mc)) {
                         text.push_str(&format!(" {path}={value:?}"));
                     }
                 }
                 for stop in 1..=4 {
-                    if let Some(value) = instance.read(&format!("{}.stop{stop}.step", mc.model.mc)) {
+                    if let Some(value) = instance.read(&format!("{}.stop{stop}.step", mc.model.mc))
+                    {
                         text.push_str(&format!(" stop{stop}={value:?}"));
                     }
                 }

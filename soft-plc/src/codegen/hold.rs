@@ -1,0 +1,283 @@
+//! Holds scalar variables in Wasm locals while a loop runs, and works out which indices cannot leave their array.
+//!
+//! A variable is held only if nothing else can read or write it meanwhile: it is not passed by reference in the loop, no POU
+//! that is called below names it, and no region is copied. It is loaded before the loop and stored after it, and before
+//! RETURN; a trap leaves memory half updated, as the contract of a scan says.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use wasm_encoder::Instruction as I;
+
+use super::State;
+use super::fun::{Fun, Slot, val};
+use crate::check::tree::{Expr, ExprKind, Place, PouId, Root, StepKind, Stmt, StmtKind, VarId};
+use crate::check::visit::{Node, visit, visit_places, visit_writes};
+use crate::memory::is_kept;
+use crate::syntax::ast::{BinOp, PouKind, VarSection};
+
+/// How many variables one loop may hold: more than registers are of no use.
+const HELD_MAX: usize = 24;
+
+/// What the text of one POU touches.
+#[derive(Clone, Debug, Default)]
+pub struct Touched {
+    roots: BTreeSet<VarId>,
+    members: BTreeSet<VarId>,
+    copies_regions: bool,
+}
+
+pub struct Held {
+    var: VarId,
+    local: u32,
+    written: bool,
+}
+
+impl State<'_> {
+    fn touched(&mut self, pou: PouId) -> &Touched {
+        let project = self.project;
+        self.touched.entry(pou).or_insert_with(|| {
+            let mut touched = Touched::default();
+            let body = &project.pou(pou).body;
+            visit(body, &mut |node| match node {
+                Node::Place(place) => touched.add(place),
+                Node::Stmt(stmt) => {
+                    touched.copies_regions |= matches!(stmt.kind, StmtKind::CopyRegion { .. });
+                }
+                _ => {}
+            });
+            touched
+        })
+    }
+
+    /// What all POUs called from `pou`, directly or not, touch; and what `pou` itself reaches through instances.
+    fn touched_below(&mut self, pou: PouId) -> Touched {
+        let own = self.touched(pou);
+        let mut all = Touched {
+            roots: BTreeSet::new(),
+            members: own.members.clone(),
+            copies_regions: own.copies_regions,
+        };
+        let mut seen = BTreeSet::from([pou]);
+        let mut todo: Vec<PouId> = self.project.pou(pou).calls.iter().copied().collect();
+        while let Some(next) = todo.pop() {
+            if seen.insert(next) {
+                let below = self.touched(next);
+                all.roots.extend(&below.roots);
+                all.members.extend(&below.members);
+                all.copies_regions |= below.copies_regions;
+                todo.extend(&self.project.pou(next).calls);
+            }
+        }
+        all
+    }
+}
+
+impl Touched {
+    fn add(&mut self, place: &Place) {
+        if let Root::Var(id) = place.root {
+            self.roots.insert(id);
+        }
+        for step in &place.steps {
+            if let StepKind::Member(id) = step.kind {
+                self.members.insert(id);
+            }
+        }
+    }
+}
+
+/// Only a variable itself, or a bit of it.
+fn whole_var(place: &Place) -> Option<VarId> {
+    match place.root {
+        Root::Var(id)
+            if place
+                .steps
+                .iter()
+                .all(|s| matches!(s.kind, StepKind::Bit(_))) =>
+        {
+            Some(id)
+        }
+        _ => None,
+    }
+}
+
+impl Fun<'_, '_> {
+    /// Before an outermost loop: loads what the loop uses into locals.
+    pub fn hold_for(&mut self, statement: &Stmt) {
+        if !self.labels.is_empty() || !self.held.is_empty() {
+            return;
+        }
+        let body = std::slice::from_ref(statement);
+        for var in self.candidates(body) {
+            let place = self.place_of(var);
+            let elem = self.elem(place.ty);
+            self.load(&place);
+            let local = self.temp(val(elem));
+            self.i(I::LocalSet(local));
+            self.held.push(Held {
+                var,
+                local,
+                written: false,
+            });
+        }
+        let mut written = BTreeSet::new();
+        visit_writes(body, &mut |place, _| written.extend(whole_var(place)));
+        for held in &mut self.held {
+            held.written = written.contains(&held.var);
+            self.slots.insert(held.var, Slot::Local(held.local));
+        }
+    }
+
+    /// After the loop: memory has the values again.
+    pub fn let_go(&mut self) {
+        if !self.labels.is_empty() {
+            return;
+        }
+        self.store_held();
+        for held in std::mem::take(&mut self.held) {
+            self.slots.remove(&held.var);
+            self.release(held.local);
+        }
+    }
+
+    /// Stores what the loop has written; it stays held.
+    pub fn store_held(&mut self) {
+        let held = std::mem::take(&mut self.held);
+        for one in held.iter().filter(|h| h.written) {
+            self.slots.remove(&one.var);
+            let place = self.place_of(one.var);
+            self.store(&place, |f| f.i(I::LocalGet(one.local)));
+            self.slots.insert(one.var, Slot::Local(one.local));
+        }
+        self.held = held;
+    }
+
+    fn place_of(&self, var: VarId) -> Place {
+        let data = self.m.project.var(var);
+        Place {
+            root: Root::Var(var),
+            steps: Vec::new(),
+            ty: data.ty,
+            span: data.span,
+        }
+    }
+
+    fn candidates(&mut self, body: &[Stmt]) -> Vec<VarId> {
+        let project = self.m.project;
+        let below = self.m.touched_below(self.pou);
+        if below.copies_regions {
+            return Vec::new();
+        }
+        let unit = project.pou(self.pou);
+        let by_reference = unit
+            .vars
+            .iter()
+            .any(|v| project.var(*v).section == VarSection::InOut);
+        let mut passed = BTreeSet::new();
+        visit_writes(body, &mut |place, by_reference| {
+            passed.extend(whole_var(place).filter(|_| by_reference));
+        });
+        let mut calls = false;
+        visit(body, &mut |node| {
+            calls |= match node {
+                Node::Call(_) => true,
+                Node::Stmt(stmt) => matches!(stmt.kind, StmtKind::Invoke(_)),
+                _ => false,
+            };
+        });
+        let mut uses: BTreeMap<VarId, u32> = BTreeMap::new();
+        visit_places(body, &mut |place| {
+            if let Some(id) = whole_var(place) {
+                *uses.entry(id).or_default() += 1;
+            }
+        });
+        let mut list: Vec<(u32, VarId)> = uses
+            .into_iter()
+            .filter(|(id, _)| {
+                let var = project.var(*id);
+                let own = var.owner == Some(self.pou) && unit.kind != PouKind::Function;
+                let fixed = match var.owner {
+                    None => true,
+                    Some(pou) => project.pou(pou).kind == PouKind::Program,
+                };
+                // A parameter by reference may be another name of what the caller can pass.
+                let alone = if own {
+                    !by_reference
+                        || (var.section != VarSection::Input
+                            && !project.options.allow_internal_access)
+                } else {
+                    fixed && !calls && !by_reference
+                };
+                alone
+                    && var.location.is_none()
+                    && !var.constant
+                    && (var.owner.is_none() || is_kept(var))
+                    && project.types.elem(var.ty).is_some()
+                    && !self.slots.contains_key(id)
+                    && !passed.contains(id)
+                    && !below.roots.contains(id)
+                    && !below.members.contains(id)
+            })
+            .map(|(id, count)| (count, id))
+            .collect();
+        list.sort_by_key(|(count, id)| (std::cmp::Reverse(*count), *id));
+        list.truncate(HELD_MAX);
+        list.into_iter().map(|(_, id)| id).collect()
+    }
+
+    /// While `body` runs, the FOR variable stays within these values, if nothing but the loop can write it.
+    pub fn note_range(
+        &mut self,
+        var: &Place,
+        from: Option<i128>,
+        to: Option<i128>,
+        body: &[Stmt],
+    ) -> Option<VarId> {
+        let (from, to, id) = (from?, to?, whole_var(var)?);
+        if !var.steps.is_empty() || self.local_of(var).is_none() {
+            return None;
+        }
+        let mut written = false;
+        visit_writes(body, &mut |place, _| {
+            written |= whole_var(place) == Some(id)
+        });
+        if written {
+            return None;
+        }
+        self.ranges.insert(id, (from.min(to), from.max(to)));
+        Some(id)
+    }
+
+    /// Limits that the value of an integer expression certainly keeps.
+    pub fn range_of(&self, expr: &Expr) -> Option<(i128, i128)> {
+        let elem = self.elem(expr.ty);
+        let range = match &expr.kind {
+            ExprKind::Const(value) => value.as_i128().map(|v| (v, v)),
+            ExprKind::Load(place) if place.steps.is_empty() => {
+                self.ranges.get(&whole_var(place)?).copied()
+            }
+            ExprKind::Convert(inner) if self.elem(inner.ty).is_int() => self.range_of(inner),
+            ExprKind::Binary(BinOp::Mod, of, _, right) => {
+                let ExprKind::Const(n) = &right.kind else {
+                    return None;
+                };
+                let most = n.as_i128()?.checked_abs()? - 1;
+                Some((if of.is_signed() { -most } else { 0 }, most))
+            }
+            ExprKind::Binary(op, _, left, right) => {
+                let (a, b) = (self.range_of(left)?, self.range_of(right)?);
+                match op {
+                    BinOp::Add => Some((a.0 + b.0, a.1 + b.1)),
+                    BinOp::Sub => Some((a.0 - b.1, a.1 - b.0)),
+                    BinOp::Mul if a.0 >= 0 && b.0 >= 0 => {
+                        Some((a.0.checked_mul(b.0)?, a.1.checked_mul(b.1)?))
+                    }
+                    _ => None,
+                }
+            }
+            _ => None,
+        }?;
+        // What could wrap has no limits.
+        let (lo, hi) = elem.limits()?;
+        (range.0 >= lo && range.1 <= hi).then_some(range)
+    }
+}
