@@ -5,6 +5,7 @@
 
 use anyhow::{Result, bail};
 use fam_driver::{Client, Subscription};
+use fam_gateway::recording::fetch;
 use fam_proto::codec;
 use fam_proto::{Applied, AppliedBatch, CellId, CellStatus, CommandKind, Event, GatewayId, McId, Query, QueryReply};
 use std::collections::BTreeMap;
@@ -32,6 +33,9 @@ pub struct Seen {
     /// Every status, and when it came.
     pub history: Vec<(Instant, CellStatus)>,
     journal: Option<(u64, u64)>,
+    /// The journal is missing from here on; what comes meanwhile waits in `pending`.
+    missing: Option<u64>,
+    pending: Vec<AppliedBatch>,
 }
 
 impl Seen {
@@ -54,6 +58,34 @@ impl Seen {
             .filter(|c| c.up)
             .filter_map(|c| Some((c.controller.to_string(), crate::status::percent(c.report.as_ref()?.workload_permille))))
             .collect()
+    }
+
+    /// A piece from the stream: what is missing before it is asked for first.
+    fn stream(&mut self, batch: AppliedBatch) {
+        let expected = match self.journal {
+            Some((boot, next)) if boot == batch.boot.0 => next,
+            _ => 0,
+        };
+        if self.missing.is_some() || batch.first > expected {
+            self.missing.get_or_insert(expected);
+            self.pending.push(batch);
+        } else {
+            self.take(batch);
+        }
+    }
+
+    /// A piece that was asked for. More has to be asked for unless it reaches the stream.
+    fn fetched(&mut self, batch: AppliedBatch) {
+        let end = batch.first + batch.entries.len() as u64;
+        let done = batch.entries.is_empty() || self.pending.first().is_none_or(|p| p.boot != batch.boot || p.first <= end);
+        self.missing = Some(end);
+        self.take(batch);
+        if done {
+            self.missing = None;
+            for batch in std::mem::take(&mut self.pending) {
+                self.take(batch);
+            }
+        }
     }
 
     fn take(&mut self, batch: AppliedBatch) {
@@ -102,12 +134,12 @@ impl Observer {
         let journal = runtime.block_on(async {
             watcher.link().subscribe(&fam_proto::keys::applied(cell, gateway), move |_, bytes| {
                 if let (Ok(batch), Ok(mut seen)) = (codec::decode::<AppliedBatch>(&bytes), sink.0.lock()) {
-                    seen.take(batch);
+                    seen.stream(batch);
                     sink.1.notify_all();
                 }
             })
         })?;
-        runtime.spawn(look(watcher, shared.clone()));
+        runtime.spawn(look(watcher, gateway.clone(), shared.clone()));
         Ok(Observer { runtime, shared, commands: Arc::new(tokio::sync::Mutex::new(commands)), _journal: journal })
     }
 
@@ -157,9 +189,19 @@ impl Observer {
 }
 
 /// Asks for status and events for ever; survives restarts of the manager.
-async fn look(mut client: Client, shared: Arc<(Mutex<Seen>, Condvar)>) {
+async fn look(mut client: Client, gateway: GatewayId, shared: Arc<(Mutex<Seen>, Condvar)>) {
+    let cell = client.link().cell().clone();
     let mut after = 0;
     loop {
+        loop {
+            let missing = shared.0.lock().ok().and_then(|seen| seen.missing);
+            let Some(position) = missing else { break };
+            let Ok(batch) = fetch(client.link(), &cell, &gateway, position, ASK_WITHIN).await else { break };
+            if let Ok(mut seen) = shared.0.lock() {
+                seen.fetched(batch);
+                shared.1.notify_all();
+            }
+        }
         if let Ok(QueryReply::Status(status)) = client.ask(Query::Status, ASK_WITHIN).await
             && let Ok(mut seen) = shared.0.lock()
         {
@@ -218,13 +260,21 @@ mod tests {
     }
 
     #[test]
-    fn the_journal_is_joined_without_doubles_and_holes_are_counted() {
+    fn the_journal_is_joined_without_doubles_and_missing_pieces_are_fetched() {
         let mut seen = Seen::default();
-        for b in [batch(1, 5, 5..8), batch(1, 7, 7..10), batch(1, 7, 7..10), batch(1, 12, 12..13), batch(2, 0, 20..21)] {
-            seen.take(b);
+        for b in [batch(1, 0, 0..3), batch(1, 2, 2..5), batch(1, 2, 2..5)] {
+            seen.stream(b);
         }
+        assert_eq!((seen.applied.len(), seen.missing), (5, None));
+        seen.stream(batch(1, 9, 9..10));
+        assert_eq!((seen.applied.len(), seen.missing), (5, Some(5)), "a hole: what comes waits");
+        seen.fetched(batch(1, 5, 5..7));
+        assert_eq!(seen.missing, Some(7));
+        seen.fetched(batch(1, 7, 7..10));
+        seen.stream(batch(2, 4, 14..15));
+        seen.fetched(batch(2, 0, 10..15));
         let scans: Vec<u64> = seen.applied.iter().map(|a| a.scan.0).collect();
-        assert_eq!((scans, seen.holes), (vec![5, 6, 7, 8, 9, 12, 20], 2));
-        assert_eq!(seen.newest[&McId::new("A").unwrap()].at_us, 1_020);
+        assert_eq!((scans, seen.holes, seen.missing), ((0..15).collect(), 0, None));
+        assert_eq!(seen.newest[&McId::new("A").unwrap()].at_us, 1_014);
     }
 }

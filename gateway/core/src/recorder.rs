@@ -131,6 +131,10 @@ pub struct Takeover {
     pub released: bool,
     /// Scans that are lost between the two: 0 if the new owner went on where the plant had been left.
     pub scans_behind: u64,
+    /// Scan of the last frame of the old epoch in the journal.
+    pub last_scan: Scan,
+    /// Scan of the checkpoint that the first frame of the new epoch names as its base; 0 without one.
+    pub base_scan: Scan,
 }
 
 /// All changes of epoch, in order.
@@ -154,6 +158,8 @@ pub fn takeovers(applied: &[Applied]) -> Vec<Takeover> {
             last_us: before.at_us,
             first_us: entry.at_us,
             released: before.released,
+            last_scan: before.scan,
+            base_scan,
             scans_behind: if builds_on_last {
                 0
             } else {
