@@ -325,17 +325,15 @@ impl ControllerAgent {
         if !self.joined {
             self.joined = true;
             if workload_permille < FULL_PERMILLE && self.leaving.is_none() {
-                let detail =
-                    format!("{me} has registered and is at {percent:.1} % of its limit");
+                let detail = format!("{me} has registered and is at {percent:.1} % of its limit");
                 self.raise(Cause::Imbalance(me.clone()), detail);
             }
         }
         if workload_permille > FULL_PERMILLE {
             self.overloads += 1;
             if self.overloads == OVERLOAD_REPORTS {
-                let detail = format!(
-                    "{me} is at {percent:.1} % of its limit in {OVERLOAD_REPORTS} reports"
-                );
+                let detail =
+                    format!("{me} is at {percent:.1} % of its limit in {OVERLOAD_REPORTS} reports");
                 self.raise(Cause::Overload(me), detail);
             }
         } else if workload_permille < OVERLOAD_ENDS_PERMILLE {

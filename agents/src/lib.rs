@@ -13,6 +13,6 @@ pub mod epochs;
 pub mod manager;
 pub mod monitor;
 pub mod node;
-pub mod planner;
 #[cfg(test)]
 mod node_tests;
+pub mod planner;

@@ -361,7 +361,11 @@ fn a_bid_says_what_is_true_now() {
     };
     n.handle(call(), Now(1_000));
     let blind = bid(&mut n);
-    let unable: Vec<_> = blind.offers.iter().map(|o| o.unable.clone().unwrap()).collect();
+    let unable: Vec<_> = blind
+        .offers
+        .iter()
+        .map(|o| o.unable.clone().unwrap())
+        .collect();
     assert_eq!(
         unable,
         [

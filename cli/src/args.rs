@@ -7,13 +7,19 @@ use std::path::PathBuf;
 
 /// Flexible Automation Middleware: controllers that share their work and survive each other's failure.
 #[derive(Debug, Parser)]
-#[command(name = "fam", version, propagate_version = true, max_term_width = 110, after_help = "\
+#[command(
+    name = "fam",
+    version,
+    propagate_version = true,
+    max_term_width = 110,
+    after_help = "\
 Examples:
   fam demo                                the FMS-200 cell through joins, crashes, a freeze and a drain, in about 80 s
   fam up deploy/fms200/deployment.toml    start a cell and keep it running
   fam status --watch                      who runs what, and with which workload
   fam drain controller1                   take a controller out for maintenance
-  fam bench failover --kind kill          measure the failover on this machine")]
+  fam bench failover --kind kill          measure the failover on this machine"
+)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]

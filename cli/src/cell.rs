@@ -10,7 +10,12 @@ pub fn check(path: &Path) -> Result<bool> {
             for warning in &built.warnings {
                 println!("{warning}");
             }
-            println!("{}: {} controllers, {} MCs, no errors", path.display(), built.model.controllers.len(), built.model.mcs.len());
+            println!(
+                "{}: {} controllers, {} MCs, no errors",
+                path.display(),
+                built.model.controllers.len(),
+                built.model.mcs.len()
+            );
             Ok(true)
         }
         Err(problems) => {

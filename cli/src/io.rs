@@ -20,14 +20,18 @@ pub async fn run(args: &IoArgs) -> Result<()> {
         IoCommand::Get { points } => IoRequest::Get(points.clone()),
         IoCommand::Set { values } if values.is_empty() => {
             let mut text = String::new();
-            std::io::stdin().read_to_string(&mut text).context("cannot read standard input")?;
+            std::io::stdin()
+                .read_to_string(&mut text)
+                .context("cannot read standard input")?;
             IoRequest::Set(from_csv(&text).map_err(|why| anyhow!("standard input: {why}"))?)
         }
         IoCommand::Set { values } => IoRequest::Set(
             values
                 .iter()
                 .map(|v| {
-                    let (name, value) = v.split_once('=').ok_or_else(|| anyhow!("`{v}`: expected point=value, such as Start=1"))?;
+                    let (name, value) = v
+                        .split_once('=')
+                        .ok_or_else(|| anyhow!("`{v}`: expected point=value, such as Start=1"))?;
                     Ok((name.to_owned(), value.to_owned()))
                 })
                 .collect::<Result<_>>()?,

@@ -25,7 +25,11 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
-            let word = if status::colours_on_stderr() { "\x1b[31merror\x1b[0m" } else { "error" };
+            let word = if status::colours_on_stderr() {
+                "\x1b[31merror\x1b[0m"
+            } else {
+                "error"
+            };
             eprintln!("{word}: {error:#}");
             ExitCode::from(2)
         }
@@ -52,10 +56,26 @@ fn dispatch(command: Command) -> Result<bool> {
             Command::Plant(args) => serve::plant(args).await?,
             Command::Status(args) => operate::show_status(&args).await?,
             Command::Events(args) => operate::show_events(&args).await?,
-            Command::Move(a) => operate::command(&a.cell, CommandKind::Move { mc: a.mc, to: a.to, force: a.force }).await?,
-            Command::Drain(a) => operate::command(&a.cell, CommandKind::Drain(a.controller)).await?,
-            Command::Undrain(a) => operate::command(&a.cell, CommandKind::Undrain(a.controller)).await?,
-            Command::Pin(a) => operate::command(&a.cell, CommandKind::Pin { mc: a.mc, to: a.to }).await?,
+            Command::Move(a) => {
+                operate::command(
+                    &a.cell,
+                    CommandKind::Move {
+                        mc: a.mc,
+                        to: a.to,
+                        force: a.force,
+                    },
+                )
+                .await?
+            }
+            Command::Drain(a) => {
+                operate::command(&a.cell, CommandKind::Drain(a.controller)).await?
+            }
+            Command::Undrain(a) => {
+                operate::command(&a.cell, CommandKind::Undrain(a.controller)).await?
+            }
+            Command::Pin(a) => {
+                operate::command(&a.cell, CommandKind::Pin { mc: a.mc, to: a.to }).await?
+            }
             Command::Unpin(a) => operate::command(&a.cell, CommandKind::Unpin(a.mc)).await?,
             Command::Stop(a) => operate::command(&a.cell, CommandKind::Stop(a.mc)).await?,
             Command::Reset(a) => {

@@ -7,7 +7,10 @@ use anyhow::{Result, bail};
 use fam_driver::{Client, Subscription};
 use fam_gateway::recording::fetch;
 use fam_proto::codec;
-use fam_proto::{Applied, AppliedBatch, CellId, CellStatus, CommandKind, Event, GatewayId, McId, Query, QueryReply};
+use fam_proto::{
+    Applied, AppliedBatch, CellId, CellStatus, CommandKind, Event, GatewayId, McId, Query,
+    QueryReply,
+};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -51,12 +54,19 @@ impl Seen {
 
     /// Workload of each controller that is up, in percent of its limit.
     pub fn workloads(&self) -> Vec<(String, f64)> {
-        let Some(status) = self.status() else { return Vec::new() };
+        let Some(status) = self.status() else {
+            return Vec::new();
+        };
         status
             .controllers
             .iter()
             .filter(|c| c.up)
-            .filter_map(|c| Some((c.controller.to_string(), crate::status::percent(c.report.as_ref()?.workload_permille))))
+            .filter_map(|c| {
+                Some((
+                    c.controller.to_string(),
+                    crate::status::percent(c.report.as_ref()?.workload_permille),
+                ))
+            })
             .collect()
     }
 
@@ -77,7 +87,11 @@ impl Seen {
     /// A piece that was asked for. More has to be asked for unless it reaches the stream.
     fn fetched(&mut self, batch: AppliedBatch) {
         let end = batch.first + batch.entries.len() as u64;
-        let done = batch.entries.is_empty() || self.pending.first().is_none_or(|p| p.boot != batch.boot || p.first <= end);
+        let done = batch.entries.is_empty()
+            || self
+                .pending
+                .first()
+                .is_none_or(|p| p.boot != batch.boot || p.first <= end);
         self.missing = Some(end);
         self.take(batch);
         if done {
@@ -122,25 +136,42 @@ impl Observer {
     ///
     /// # Errors
     /// If an endpoint is malformed.
-    pub fn start(cell: &CellId, gateway: &GatewayId, manager_endpoint: &str, gateway_endpoint: &str) -> Result<Observer> {
+    pub fn start(
+        cell: &CellId,
+        gateway: &GatewayId,
+        manager_endpoint: &str,
+        gateway_endpoint: &str,
+    ) -> Result<Observer> {
         let runtime = fam_driver::runtime()?;
         let shared: Arc<(Mutex<Seen>, Condvar)> = Arc::default();
         let connect = vec![manager_endpoint.to_owned(), gateway_endpoint.to_owned()];
         let (watcher, commands) = runtime.block_on(async {
             let watcher = Client::open(cell.clone(), connect.clone()).await?;
-            anyhow::Ok((watcher, Client::open(cell.clone(), vec![manager_endpoint.to_owned()]).await?))
+            anyhow::Ok((
+                watcher,
+                Client::open(cell.clone(), vec![manager_endpoint.to_owned()]).await?,
+            ))
         })?;
         let sink = shared.clone();
         let journal = runtime.block_on(async {
-            watcher.link().subscribe(&fam_proto::keys::applied(cell, gateway), move |_, bytes| {
-                if let (Ok(batch), Ok(mut seen)) = (codec::decode::<AppliedBatch>(&bytes), sink.0.lock()) {
-                    seen.stream(batch);
-                    sink.1.notify_all();
-                }
-            })
+            watcher
+                .link()
+                .subscribe(&fam_proto::keys::applied(cell, gateway), move |_, bytes| {
+                    if let (Ok(batch), Ok(mut seen)) =
+                        (codec::decode::<AppliedBatch>(&bytes), sink.0.lock())
+                    {
+                        seen.stream(batch);
+                        sink.1.notify_all();
+                    }
+                })
         })?;
         runtime.spawn(look(watcher, gateway.clone(), shared.clone()));
-        Ok(Observer { runtime, shared, commands: Arc::new(tokio::sync::Mutex::new(commands)), _journal: journal })
+        Ok(Observer {
+            runtime,
+            shared,
+            commands: Arc::new(tokio::sync::Mutex::new(commands)),
+            _journal: journal,
+        })
     }
 
     /// What has been seen so far.
@@ -155,7 +186,12 @@ impl Observer {
     ///
     /// # Errors
     /// If it does not in time; the message says what was waited for.
-    pub fn wait<T>(&self, what: &str, within: Duration, mut enough: impl FnMut(&Seen) -> Option<T>) -> Result<T> {
+    pub fn wait<T>(
+        &self,
+        what: &str,
+        within: Duration,
+        mut enough: impl FnMut(&Seen) -> Option<T>,
+    ) -> Result<T> {
         let deadline = Instant::now() + within;
         let mut seen = self.seen();
         loop {
@@ -179,7 +215,13 @@ impl Observer {
     /// If the manager refuses, cannot be reached, or does not finish in time.
     pub fn command(&self, what: CommandKind) -> Result<String> {
         let client = self.commands.clone();
-        self.runtime.block_on(async move { Ok(client.lock().await.command(what, COMMAND_WITHIN, |_| {}).await?) })
+        self.runtime.block_on(async move {
+            Ok(client
+                .lock()
+                .await
+                .command(what, COMMAND_WITHIN, |_| {})
+                .await?)
+        })
     }
 
     /// Runs something asynchronous on the observer's runtime.
@@ -196,7 +238,10 @@ async fn look(mut client: Client, gateway: GatewayId, shared: Arc<(Mutex<Seen>, 
         loop {
             let missing = shared.0.lock().ok().and_then(|seen| seen.missing);
             let Some(position) = missing else { break };
-            let Ok(batch) = fetch(client.link(), &cell, &gateway, position, ASK_WITHIN).await else { break };
+            let Ok(batch) = fetch(client.link(), &cell, &gateway, position, ASK_WITHIN).await
+            else {
+                break;
+            };
             if let Ok(mut seen) = shared.0.lock() {
                 seen.fetched(batch);
                 shared.1.notify_all();
@@ -208,8 +253,13 @@ async fn look(mut client: Client, gateway: GatewayId, shared: Arc<(Mutex<Seen>, 
             seen.history.push((Instant::now(), status));
             shared.1.notify_all();
         }
-        while let Ok(QueryReply::Events { events, more }) = client.ask(Query::Events { after, limit: 500 }, ASK_WITHIN).await {
-            let Some(last) = events.last().map(|e| e.seq) else { break };
+        while let Ok(QueryReply::Events { events, more }) = client
+            .ask(Query::Events { after, limit: 500 }, ASK_WITHIN)
+            .await
+        {
+            let Some(last) = events.last().map(|e| e.seq) else {
+                break;
+            };
             after = last;
             if let Ok(mut seen) = shared.0.lock() {
                 seen.events.extend(events);
@@ -226,8 +276,10 @@ async fn look(mut client: Client, gateway: GatewayId, shared: Arc<(Mutex<Seen>, 
 /// Microseconds of the machine's monotonic clock, as in [`Seen::applied`].
 pub fn monotonic_us() -> u64 {
     // Linux has this clock always; the call cannot fail.
-    nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC)
-        .map_or(0, |at| u64::try_from(i128::from(at.tv_sec()) * 1_000_000 + i128::from(at.tv_nsec()) / 1_000).unwrap_or(0))
+    nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC).map_or(0, |at| {
+        u64::try_from(i128::from(at.tv_sec()) * 1_000_000 + i128::from(at.tv_nsec()) / 1_000)
+            .unwrap_or(0)
+    })
 }
 
 #[cfg(test)]
@@ -239,7 +291,10 @@ mod tests {
         Applied {
             mc: McId::new("A").unwrap(),
             epoch: Epoch(1),
-            owner: Owner { controller: ControllerId::new("c").unwrap(), boot: BootId(1) },
+            owner: Owner {
+                controller: ControllerId::new("c").unwrap(),
+                boot: BootId(1),
+            },
             scan: Scan(scan),
             digest: Digest::default(),
             base: None,
@@ -267,14 +322,21 @@ mod tests {
         }
         assert_eq!((seen.applied.len(), seen.missing), (5, None));
         seen.stream(batch(1, 9, 9..10));
-        assert_eq!((seen.applied.len(), seen.missing), (5, Some(5)), "a hole: what comes waits");
+        assert_eq!(
+            (seen.applied.len(), seen.missing),
+            (5, Some(5)),
+            "a hole: what comes waits"
+        );
         seen.fetched(batch(1, 5, 5..7));
         assert_eq!(seen.missing, Some(7));
         seen.fetched(batch(1, 7, 7..10));
         seen.stream(batch(2, 4, 14..15));
         seen.fetched(batch(2, 0, 10..15));
         let scans: Vec<u64> = seen.applied.iter().map(|a| a.scan.0).collect();
-        assert_eq!((scans, seen.holes, seen.missing), ((0..15).collect(), 0, None));
+        assert_eq!(
+            (scans, seen.holes, seen.missing),
+            ((0..15).collect(), 0, None)
+        );
         assert_eq!(seen.newest[&McId::new("A").unwrap()].at_us, 1_014);
     }
 }

@@ -26,7 +26,9 @@ async fn connect(cell: &CellArgs) -> Result<Client> {
 /// If the manager refuses or cannot be reached.
 pub async fn command(cell: &CellArgs, what: CommandKind) -> Result<()> {
     let mut client = connect(cell).await?;
-    let words = client.command(what, COMMAND_WITHIN, |begun| eprintln!("{begun} ...")).await?;
+    let words = client
+        .command(what, COMMAND_WITHIN, |begun| eprintln!("{begun} ..."))
+        .await?;
     println!("{words}");
     client.close().await;
     Ok(())
@@ -59,10 +61,12 @@ pub async fn show_status(args: &StatusArgs) -> Result<()> {
             return Ok(());
         }
         match seen {
-            Ok(seen) if args.json => println!("{}", serde_json::to_string(&status::status_json(&seen)?)?),
+            Ok(seen) if args.json => {
+                println!("{}", serde_json::to_string(&status::status_json(&seen)?)?)
+            }
             // Home, then clear what an earlier, longer screen has left.
             Ok(seen) => print!("\x1b[H\x1b[2J{}\nCtrl-C ends", status::render(&seen)),
-            Err(error) => print!("\x1b[H\x1b[2J{error:#}\n"),
+            Err(error) => println!("\x1b[H\x1b[2J{error:#}"),
         }
         std::io::stdout().flush()?;
         tokio::time::sleep(Duration::from_millis(500)).await;
@@ -77,7 +81,16 @@ pub async fn show_events(args: &EventsArgs) -> Result<()> {
     let mut client = connect(&args.cell).await?;
     let mut after = 0;
     loop {
-        let QueryReply::Events { events, more } = client.ask(Query::Events { after, limit: EVENTS_LIMIT }, ASK_WITHIN).await? else {
+        let QueryReply::Events { events, more } = client
+            .ask(
+                Query::Events {
+                    after,
+                    limit: EVENTS_LIMIT,
+                },
+                ASK_WITHIN,
+            )
+            .await?
+        else {
             continue;
         };
         for event in &events {

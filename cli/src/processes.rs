@@ -37,18 +37,32 @@ impl Process {
             .with_context(|| format!("cannot write the log {}", log.display()))?;
         let program = std::env::current_exe().context("cannot find the fam program itself")?;
         let mut command = Command::new(&program);
-        command.args(args).stdin(Stdio::null()).stdout(out.try_clone()?).stderr(out);
+        command
+            .args(args)
+            .stdin(Stdio::null())
+            .stdout(out.try_clone()?)
+            .stderr(out);
         // SAFETY: prctl and getppid are async-signal-safe; nothing is allocated between fork and exec.
         unsafe {
             let parent = libc::getpid();
             command.pre_exec(move || {
                 libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL);
                 // The parent may have died before prctl.
-                if libc::getppid() == parent { Ok(()) } else { Err(std::io::Error::from_raw_os_error(libc::ESRCH)) }
+                if libc::getppid() == parent {
+                    Ok(())
+                } else {
+                    Err(std::io::Error::from_raw_os_error(libc::ESRCH))
+                }
             });
         }
-        let child = command.spawn().with_context(|| format!("cannot start {} {}", program.display(), args.join(" ")))?;
-        Ok(Process { name: name.to_owned(), child, log })
+        let child = command
+            .spawn()
+            .with_context(|| format!("cannot start {} {}", program.display(), args.join(" ")))?;
+        Ok(Process {
+            name: name.to_owned(),
+            child,
+            log,
+        })
     }
 
     /// Name given at the start.
@@ -86,8 +100,17 @@ impl Process {
         self.signal(Signal::SIGTERM)?;
         match self.wait(END_WITHIN)? {
             Some(status) if status.success() => Ok(()),
-            Some(status) => bail!("{} ended with {status}; its log: {}\n{}", self.name, self.log.display(), tail(&self.log)),
-            None => bail!("{} did not end within {END_WITHIN:?} of SIGTERM and was killed; its log: {}", self.name, self.log.display()),
+            Some(status) => bail!(
+                "{} ended with {status}; its log: {}\n{}",
+                self.name,
+                self.log.display(),
+                tail(&self.log)
+            ),
+            None => bail!(
+                "{} did not end within {END_WITHIN:?} of SIGTERM and was killed; its log: {}",
+                self.name,
+                self.log.display()
+            ),
         }
     }
 
@@ -129,7 +152,10 @@ impl Drop for Process {
 pub fn tail(log: &Path) -> String {
     let text = std::fs::read_to_string(log).unwrap_or_default();
     let lines: Vec<&str> = text.lines().collect();
-    lines[lines.len().saturating_sub(12)..].iter().map(|l| format!("    {l}\n")).collect()
+    lines[lines.len().saturating_sub(12)..]
+        .iter()
+        .map(|l| format!("    {l}\n"))
+        .collect()
 }
 
 /// A TCP address on loopback that nobody listens on at this moment.
@@ -137,5 +163,7 @@ pub fn tail(log: &Path) -> String {
 /// # Errors
 /// If the system gives none.
 pub fn free_address() -> Result<SocketAddr> {
-    Ok(TcpListener::bind("127.0.0.1:0").context("no free TCP port on loopback")?.local_addr()?)
+    Ok(TcpListener::bind("127.0.0.1:0")
+        .context("no free TCP port on loopback")?
+        .local_addr()?)
 }

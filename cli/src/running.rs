@@ -44,8 +44,9 @@ impl Running {
     /// # Errors
     /// If a process cannot be started.
     pub fn start(setup: Setup) -> Result<Running> {
-        std::fs::create_dir_all(&setup.run_dir)
-            .with_context(|| format!("cannot make the run directory {}", setup.run_dir.display()))?;
+        std::fs::create_dir_all(&setup.run_dir).with_context(|| {
+            format!("cannot make the run directory {}", setup.run_dir.display())
+        })?;
         let mut cell = Running {
             manager_endpoint: format!("tcp/{}", free_address()?),
             gateway_endpoint: format!("tcp/{}", free_address()?),
@@ -102,12 +103,26 @@ impl Running {
     }
 
     fn cell_arg(&self) -> Result<&str> {
-        self.setup.cell.to_str().ok_or_else(|| anyhow!("the path of the cell model is not valid UTF-8: {}", self.setup.cell.display()))
+        self.setup.cell.to_str().ok_or_else(|| {
+            anyhow!(
+                "the path of the cell model is not valid UTF-8: {}",
+                self.setup.cell.display()
+            )
+        })
     }
 
     fn start_plant(&mut self) -> Result<()> {
-        let (modbus, status, seed) = (self.modbus.to_string(), self.status.to_string(), self.setup.seed.to_string());
-        self.plant = Some(self.spawn("plant", &["plant", "--modbus", &modbus, "--status", &status, "--seed", &seed])?);
+        let (modbus, status, seed) = (
+            self.modbus.to_string(),
+            self.status.to_string(),
+            self.setup.seed.to_string(),
+        );
+        self.plant = Some(self.spawn(
+            "plant",
+            &[
+                "plant", "--modbus", &modbus, "--status", &status, "--seed", &seed,
+            ],
+        )?);
         Ok(())
     }
 
@@ -143,7 +158,12 @@ impl Running {
     /// # Errors
     /// If it cannot be started.
     pub fn start_manager(&mut self) -> Result<()> {
-        let repository = self.setup.run_dir.join("repository.redb").display().to_string();
+        let repository = self
+            .setup
+            .run_dir
+            .join("repository.redb")
+            .display()
+            .to_string();
         let args = [
             "manager",
             "--cell",
@@ -171,7 +191,14 @@ impl Running {
             .get(controller)
             .cloned()
             .unwrap_or_else(|| vec![self.manager_endpoint.clone(), self.gateway_endpoint.clone()]);
-        let mut args = vec!["node", controller, "--cell", self.cell_arg()?, "--cache", &cache];
+        let mut args = vec![
+            "node",
+            controller,
+            "--cell",
+            self.cell_arg()?,
+            "--cache",
+            &cache,
+        ];
         if self.setup.detour.contains_key(controller) {
             args.push("--isolated");
         }
@@ -191,7 +218,9 @@ impl Running {
     /// # Errors
     /// If it was not started.
     pub fn node(&self, controller: &str) -> Result<&Process> {
-        self.nodes.get(controller).ok_or_else(|| anyhow!("controller node {controller} is not running"))
+        self.nodes
+            .get(controller)
+            .ok_or_else(|| anyhow!("controller node {controller} is not running"))
     }
 
     /// Sends a signal to a node.
@@ -207,7 +236,10 @@ impl Running {
     /// # Errors
     /// If it is not running.
     pub fn kill_node(&mut self, controller: &str) -> Result<()> {
-        let mut node = self.nodes.remove(controller).ok_or_else(|| anyhow!("controller node {controller} is not running"))?;
+        let mut node = self
+            .nodes
+            .remove(controller)
+            .ok_or_else(|| anyhow!("controller node {controller} is not running"))?;
         node.kill()
     }
 
@@ -216,7 +248,10 @@ impl Running {
     /// # Errors
     /// If it is not running or does not end cleanly.
     pub fn stop_node(&mut self, controller: &str) -> Result<()> {
-        let node = self.nodes.remove(controller).ok_or_else(|| anyhow!("controller node {controller} is not running"))?;
+        let node = self
+            .nodes
+            .remove(controller)
+            .ok_or_else(|| anyhow!("controller node {controller} is not running"))?;
         node.terminate()
     }
 
@@ -225,7 +260,10 @@ impl Running {
     /// # Errors
     /// If it is not running.
     pub fn kill_manager(&mut self) -> Result<()> {
-        self.manager.take().ok_or_else(|| anyhow!("the manager is not running"))?.kill()
+        self.manager
+            .take()
+            .ok_or_else(|| anyhow!("the manager is not running"))?
+            .kill()
     }
 
     /// SIGKILL to the gateway.
@@ -233,7 +271,10 @@ impl Running {
     /// # Errors
     /// If it is not running.
     pub fn kill_gateway(&mut self) -> Result<()> {
-        self.gateway.take().ok_or_else(|| anyhow!("the gateway is not running"))?.kill()
+        self.gateway
+            .take()
+            .ok_or_else(|| anyhow!("the gateway is not running"))?
+            .kill()
     }
 
     /// Names of processes that have ended by themselves, with the end of their logs.
@@ -242,10 +283,20 @@ impl Running {
     /// If the system does not tell.
     pub fn casualties(&mut self) -> Result<Vec<String>> {
         let mut dead = Vec::new();
-        let all = self.plant.iter_mut().chain(self.gateway.iter_mut()).chain(self.manager.iter_mut()).chain(self.nodes.values_mut());
+        let all = self
+            .plant
+            .iter_mut()
+            .chain(self.gateway.iter_mut())
+            .chain(self.manager.iter_mut())
+            .chain(self.nodes.values_mut());
         for process in all {
             if let Some(status) = process.ended()? {
-                dead.push(format!("{} ended by itself with {status}; the end of {}:\n{}", process.name(), process.log().display(), crate::processes::tail(process.log())));
+                dead.push(format!(
+                    "{} ended by itself with {status}; the end of {}:\n{}",
+                    process.name(),
+                    process.log().display(),
+                    crate::processes::tail(process.log())
+                ));
             }
         }
         Ok(dead)
@@ -258,7 +309,11 @@ impl Running {
     pub fn stop(mut self) -> Result<()> {
         let mut result = Ok(());
         let nodes = std::mem::take(&mut self.nodes).into_values();
-        for process in nodes.chain(self.manager.take()).chain(self.gateway.take()).chain(self.plant.take()) {
+        for process in nodes
+            .chain(self.manager.take())
+            .chain(self.gateway.take())
+            .chain(self.plant.take())
+        {
             let ended = process.terminate();
             if result.is_ok() {
                 result = ended;

@@ -27,18 +27,31 @@ async fn ended() {
 /// `fam manager`
 pub async fn manager(a: ManagerArgs) -> Result<()> {
     logging(a.log);
-    let options = ManagerOptions { cell_file: a.cell, repository: a.repository, listen: vec![a.listen], connect: a.connect };
+    let options = ManagerOptions {
+        cell_file: a.cell,
+        repository: a.repository,
+        listen: vec![a.listen],
+        connect: a.connect,
+    };
     fam_manager::run(options, ended()).await
 }
 
 /// `fam node`
 pub async fn node(a: NodeArgs) -> Result<()> {
     logging(a.log);
-    let real_time = RealTimeOptions { priority: (a.priority > 0).then_some(a.priority), lock_memory: a.lock_memory, cpus: a.cpu };
+    let real_time = RealTimeOptions {
+        priority: (a.priority > 0).then_some(a.priority),
+        lock_memory: a.lock_memory,
+        cpus: a.cpu,
+    };
     let options = NodeOptions {
         cell: a.cell,
         controller: a.controller,
-        listen: if a.isolated { Vec::new() } else { vec![a.listen] },
+        listen: if a.isolated {
+            Vec::new()
+        } else {
+            vec![a.listen]
+        },
         connect: a.connect,
         cache: a.cache,
         real_time,
@@ -65,6 +78,14 @@ pub async fn gateway(a: GatewayArgs) -> Result<()> {
 /// `fam plant`
 pub async fn plant(a: PlantArgs) -> Result<()> {
     logging(a.log);
-    let options = PlantOptions { modbus: a.modbus, status: a.status, config: PlantConfig { seed: a.seed, ..PlantConfig::default() }, time_scale: 1.0 };
+    let options = PlantOptions {
+        modbus: a.modbus,
+        status: a.status,
+        config: PlantConfig {
+            seed: a.seed,
+            ..PlantConfig::default()
+        },
+        time_scale: 1.0,
+    };
     fam_plant::run(options, ended()).await
 }

@@ -18,7 +18,9 @@ pub fn colours_on_stderr() -> bool {
 /// An empty table in the house's form.
 pub fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
+    table
+        .load_style(presets::UTF8_HORIZONTAL_ONLY)
+        .set_content_arrangement(ContentArrangement::Dynamic);
     if !colours() {
         table.force_no_tty();
     }
@@ -48,23 +50,53 @@ pub fn render(status: &CellStatus) -> String {
     if status.bad_messages > 0 {
         text += &format!(", {} unreadable message(s)", status.bad_messages);
     }
-    let mut controllers = table(&["controller", "state", "workload %", "active", "late ticks", "overruns", "CPU %", "memory MB", "real time"]);
+    let mut controllers = table(&[
+        "controller",
+        "state",
+        "workload %",
+        "active",
+        "late ticks",
+        "overruns",
+        "CPU %",
+        "memory MB",
+        "real time",
+    ]);
     for c in &status.controllers {
         controllers.add_row(controller_row(c));
     }
-    let mut mcs = table(&["MC", "on", "record", "state", "epoch", "scan", "rejected", "pinned to"]);
+    let mut mcs = table(&[
+        "MC",
+        "on",
+        "record",
+        "state",
+        "epoch",
+        "scan",
+        "rejected",
+        "pinned to",
+    ]);
     for m in &status.mcs {
         mcs.add_row(mc_row(m));
     }
     let gateways: String = status
         .gateways
         .iter()
-        .map(|g| format!("gateway {}: {}, image {}\n", g.gateway, if g.up { "up" } else { "down" }, g.image))
+        .map(|g| {
+            format!(
+                "gateway {}: {}, image {}\n",
+                g.gateway,
+                if g.up { "up" } else { "down" },
+                g.image
+            )
+        })
         .collect();
     let refused: String = status
         .controllers
         .iter()
-        .flat_map(|c| c.ineligible.iter().map(move |(mc, why)| format!("{mc} may not run on {}: {why}\n", c.controller)))
+        .flat_map(|c| {
+            c.ineligible
+                .iter()
+                .map(move |(mc, why)| format!("{mc} may not run on {}: {why}\n", c.controller))
+        })
         .collect();
     format!("{text}\n{controllers}\n{mcs}\n{gateways}{refused}")
 }
@@ -88,9 +120,20 @@ fn controller_row(c: &ControllerStatus) -> Vec<Cell> {
             number(format!("{:.0}", percent(r.process_cpu_permille))),
             number(r.process_memory_kb / 1024),
         ]),
-        None => row.extend([number(""), Cell::new(active.join(" ")), number(""), number(""), number(""), number("")]),
+        None => row.extend([
+            number(""),
+            Cell::new(active.join(" ")),
+            number(""),
+            number(""),
+            number(""),
+            number(""),
+        ]),
     }
-    row.push(Cell::new(if c.real_time.is_empty() { "none".to_owned() } else { c.real_time.join(", ") }));
+    row.push(Cell::new(if c.real_time.is_empty() {
+        "none".to_owned()
+    } else {
+        c.real_time.join(", ")
+    }));
     row
 }
 
@@ -121,7 +164,9 @@ fn mc_row(m: &McStatus) -> Vec<Cell> {
 
 /// One event as a line.
 pub fn event_line(e: &Event) -> String {
-    let at = humantime::format_rfc3339_millis(std::time::UNIX_EPOCH + std::time::Duration::from_micros(e.wall_us));
+    let at = humantime::format_rfc3339_millis(
+        std::time::UNIX_EPOCH + std::time::Duration::from_micros(e.wall_us),
+    );
     let word = match e.severity {
         Severity::Info => "info",
         Severity::Warning => "warning",

@@ -14,8 +14,12 @@ pub async fn run(args: &UpArgs) -> Result<()> {
     let file = DeploymentFile::read(&args.deployment)?;
     let model = fam_engineering::build(&file.cell())?.model;
     let deployment = file.resolve(&model)?;
-    std::fs::create_dir_all(&deployment.run_dir)
-        .with_context(|| format!("cannot make the run directory {}", deployment.run_dir.display()))?;
+    std::fs::create_dir_all(&deployment.run_dir).with_context(|| {
+        format!(
+            "cannot make the run directory {}",
+            deployment.run_dir.display()
+        )
+    })?;
     let mut processes = start(&deployment)?;
     println!(
         "cell {} is up: {} processes, logs in {}. `fam status --name {} --manager {}` shows it; Ctrl-C ends it.",
@@ -67,7 +71,9 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
         LogFormat::Plain => "plain",
         LogFormat::Json => "json",
     };
-    let endpoints: Vec<&str> = std::iter::once(d.manager.listen.as_str()).chain(d.gateways.iter().map(|g| g.listen.as_str())).collect();
+    let endpoints: Vec<&str> = std::iter::once(d.manager.listen.as_str())
+        .chain(d.gateways.iter().map(|g| g.listen.as_str()))
+        .collect();
     let mut processes = Vec::new();
     let mut spawn = |name: &str, args: Vec<String>| -> Result<()> {
         processes.push(Process::start(name, &args, &d.run_dir)?);
@@ -80,11 +86,35 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
         }
     };
     if let Some(plant) = &d.plant {
-        spawn("plant", words(&["plant", "--modbus", &plant.modbus, "--status", &plant.status, "--seed", &plant.seed.to_string(), "--log", log]))?;
+        spawn(
+            "plant",
+            words(&[
+                "plant",
+                "--modbus",
+                &plant.modbus,
+                "--status",
+                &plant.status,
+                "--seed",
+                &plant.seed.to_string(),
+                "--log",
+                log,
+            ]),
+        )?;
     }
     for gateway in &d.gateways {
         let records = gateway.records.display().to_string();
-        let mut args = words(&["gateway", gateway.gateway.as_str(), "--cell", &cell, "--listen", &gateway.listen, "--records", &records, "--log", log]);
+        let mut args = words(&[
+            "gateway",
+            gateway.gateway.as_str(),
+            "--cell",
+            &cell,
+            "--listen",
+            &gateway.listen,
+            "--records",
+            &records,
+            "--log",
+            log,
+        ]);
         if let Some(address) = &gateway.address {
             args.extend(words(&["--field", address]));
         }
@@ -92,12 +122,31 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
         spawn(gateway.gateway.as_str(), args)?;
     }
     let repository = d.manager.repository.display().to_string();
-    let mut args = words(&["manager", "--cell", &cell, "--listen", &d.manager.listen, "--repository", &repository, "--log", log]);
+    let mut args = words(&[
+        "manager",
+        "--cell",
+        &cell,
+        "--listen",
+        &d.manager.listen,
+        "--repository",
+        &repository,
+        "--log",
+        log,
+    ]);
     connect(&mut args, &d.manager.listen);
     spawn("manager", args)?;
     let cache = d.run_dir.join("modules").display().to_string();
     for controller in &d.controllers {
-        let mut args = words(&["node", controller.as_str(), "--cell", &cell, "--cache", &cache, "--log", log]);
+        let mut args = words(&[
+            "node",
+            controller.as_str(),
+            "--cell",
+            &cell,
+            "--cache",
+            &cache,
+            "--log",
+            log,
+        ]);
         connect(&mut args, "");
         if let Some(priority) = d.real_time.priority {
             args.extend(words(&["--priority", &priority.to_string()]));

@@ -27,11 +27,10 @@ pub(crate) fn prepare(
         }
     }
     let module = engine.prepare(compiled)?;
-    let written = private(directory)
-        .and_then(|()| {
-            let code = module.serialize().map_err(std::io::Error::other)?;
-            replace(&file, &code)
-        });
+    let written = private(directory).and_then(|()| {
+        let code = module.serialize().map_err(std::io::Error::other)?;
+        replace(&file, &code)
+    });
     if let Err(error) = written {
         tracing::info!(mc = %mc, "machine code of {mc} is not kept in {}: {error}", file.display());
     }

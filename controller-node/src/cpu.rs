@@ -21,7 +21,8 @@ fn read(clock: libc::clockid_t) -> u64 {
 }
 
 fn nanoseconds(time: libc::timespec) -> u64 {
-    u64::try_from(time.tv_sec).unwrap_or(0) * 1_000_000_000 + u64::try_from(time.tv_nsec).unwrap_or(0)
+    u64::try_from(time.tv_sec).unwrap_or(0) * 1_000_000_000
+        + u64::try_from(time.tv_nsec).unwrap_or(0)
 }
 
 /// Sleeps until this time on CLOCK_MONOTONIC, whatever signals come.

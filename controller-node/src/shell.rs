@@ -130,7 +130,11 @@ impl<R> Shell<NodePersist, NodeAct> for NodeShell<R> {
                 if !matches!(act, McAct::ReadState { .. }) {
                     tracing::debug!(mc = %mc, "{mc}: {act:?}");
                 }
-                if self.jobs.try_send(ReplicaJob::Act { mc: index, act }).is_err() {
+                if self
+                    .jobs
+                    .try_send(ReplicaJob::Act { mc: index, act })
+                    .is_err()
+                {
                     tracing::error!(mc = %mc, "the replica thread does not take what the MC Agent of {mc} asks for");
                 }
             }

@@ -70,8 +70,7 @@ impl<I: Fn()> Watchdog<I> {
         let mut over = None;
         let mut total: Option<Jitter> = crate::scan_thread::jitter();
         let started = Instant::now();
-        let (mut host_at, mut trace_at, mut say_at) =
-            (started, started, started + SAY_EVERY);
+        let (mut host_at, mut trace_at, mut say_at) = (started, started, started + SAY_EVERY);
         while !self.shared.stopped() {
             std::thread::sleep(LOOK);
             over = self.look(over);
@@ -222,7 +221,10 @@ impl Host {
 
     fn read(&mut self, shared: &Shared) {
         self.system.refresh_cpu_usage();
-        let kind = ProcessRefreshKind::nothing().with_cpu().with_memory().without_tasks();
+        let kind = ProcessRefreshKind::nothing()
+            .with_cpu()
+            .with_memory()
+            .without_tasks();
         self.system
             .refresh_processes_specifics(ProcessesToUpdate::Some(&[self.pid]), false, kind);
         let permille = |percent: f32| {

@@ -164,7 +164,12 @@ fn an_interruption_in_the_critical_interval_retracts_the_pusher_first() {
         running(&cell.a, 0, "Feeder.next")
     );
     assert!(diagnosis.critical_interval(&cell.head(0).state).is_none());
-    assert!(cell.a.news().iter().any(|n| matches!(n, McNews::Recovered { .. })));
+    assert!(
+        cell.a
+            .news()
+            .iter()
+            .any(|n| matches!(n, McNews::Recovered { .. }))
+    );
 }
 
 #[test]
@@ -312,7 +317,9 @@ fn a_trap_names_pou_and_line_and_stays_in_its_mc() {
         assert!(trap.line.abs_diff(line) <= 1, "{trap}");
         assert_eq!(cell.head(0).id, good.id);
         // ordered to go on from the last good checkpoint, for the next round
-        let act = McAct::Deactivate { epoch: cell.gateway.lines[0].record.epoch };
+        let act = McAct::Deactivate {
+            epoch: cell.gateway.lines[0].record.epoch,
+        };
         cell.a.act(0, act, cell.now);
         cell.activate_a(0, |_| {});
         cell.a.news();

@@ -82,7 +82,7 @@ impl Played {
                 tokio::select! {
                     _ = tick.tick() => self.gateway.publish_image(&self.fence.image()),
                     event = self.at_gateway.recv() => self.at_gateway(event.unwrap()),
-                    event = self.from_nodes.recv() => self.from_node(event.unwrap()),
+                    event = self.from_nodes.recv() => self.node_says(event.unwrap()),
                 }
             }
         };
@@ -139,7 +139,7 @@ impl Played {
         }
     }
 
-    fn from_node(&mut self, event: LinkEvent) {
+    fn node_says(&mut self, event: LinkEvent) {
         let LinkEvent::Message(envelope) = event else {
             return;
         };
@@ -277,7 +277,9 @@ async fn a_node_registers_runs_follows_and_hands_over_before_it_ends() {
     played.told.clear();
     ends[0].take().unwrap().send(()).unwrap();
     played
-        .until("leaving", |p| p.has_heard(|m| matches!(m, Message::Leaving)))
+        .until("leaving", |p| {
+            p.has_heard(|m| matches!(m, Message::Leaving))
+        })
         .await;
     let successor = Successor {
         epoch: Epoch(2),

@@ -35,10 +35,30 @@ fn changed_cell(dir: &std::path::Path, file: &str, from: &str, to: &str) -> Stri
 #[test]
 fn cells_with_mistakes_are_refused_with_file_line_and_remedy() {
     let cases: [(&str, &str, &str, &[&str]); 4] = [
-        ("cell.toml", "tick_ms = 5", "tick_ms = 5\ntick_msec = 5", &["cell.toml:8", "tick_msec"]),
-        ("cell.toml", "hosts = \"all\"", "hosts = []", &["cell.toml", "Feeder", "hosted"]),
-        ("cell.toml", "image:RamDown", "image:PusherExtend", &["PusherExtend", "Feeder", "Press"]),
-        ("press.st", "RamDown := step = 10;", "RamDown := step = ;", &["press.st:", "expected"]),
+        (
+            "cell.toml",
+            "tick_ms = 5",
+            "tick_ms = 5\ntick_msec = 5",
+            &["cell.toml:8", "tick_msec"],
+        ),
+        (
+            "cell.toml",
+            "hosts = \"all\"",
+            "hosts = []",
+            &["cell.toml", "Feeder", "hosted"],
+        ),
+        (
+            "cell.toml",
+            "image:RamDown",
+            "image:PusherExtend",
+            &["PusherExtend", "Feeder", "Press"],
+        ),
+        (
+            "press.st",
+            "RamDown := step = 10;",
+            "RamDown := step = ;",
+            &["press.st:", "expected"],
+        ),
     ];
     for (file, from, to, parts) in cases {
         let dir = tempfile::tempdir().unwrap();
@@ -53,7 +73,11 @@ fn cells_with_mistakes_are_refused_with_file_line_and_remedy() {
 fn a_deployment_with_an_unknown_field_says_where() {
     let dir = tempfile::tempdir().unwrap();
     let cell = project("engineering/tests/cells/two_stations/cell.toml");
-    let deployment = write(dir.path(), "deployment.toml", &format!("cell = {cell:?}\n\n[manager]\nlisen = \"tcp/127.0.0.1:7447\"\n"));
+    let deployment = write(
+        dir.path(),
+        "deployment.toml",
+        &format!("cell = {cell:?}\n\n[manager]\nlisen = \"tcp/127.0.0.1:7447\"\n"),
+    );
     let (code, _, err) = run(&["up", &deployment]);
     assert_eq!(code, 2);
     says(&err, &["deployment.toml:4", "lisen", "listen"]);
@@ -64,12 +88,28 @@ fn a_port_in_use_is_named() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let endpoint = format!("tcp/{}", taken.local_addr().unwrap());
     let dir = tempfile::tempdir().unwrap();
-    let cell = project("engineering/tests/cells/two_stations/cell.toml").display().to_string();
+    let cell = project("engineering/tests/cells/two_stations/cell.toml")
+        .display()
+        .to_string();
     let repository = dir.path().join("r.redb").display().to_string();
-    let (code, _, err) = run(&["manager", "--cell", &cell, "--listen", &endpoint, "--repository", &repository]);
+    let (code, _, err) = run(&[
+        "manager",
+        "--cell",
+        &cell,
+        "--listen",
+        &endpoint,
+        "--repository",
+        &repository,
+    ]);
     assert_eq!(code, 2);
     says(&err, &[&endpoint, "in use"]);
-    let (code, _, err) = run(&["plant", "--modbus", &taken.local_addr().unwrap().to_string(), "--status", "127.0.0.1:0"]);
+    let (code, _, err) = run(&[
+        "plant",
+        "--modbus",
+        &taken.local_addr().unwrap().to_string(),
+        "--status",
+        "127.0.0.1:0",
+    ]);
     assert_eq!(code, 2);
     says(&err, &[&taken.local_addr().unwrap().port().to_string()]);
 }
@@ -85,10 +125,26 @@ fn a_manager_that_cannot_be_reached_is_named() {
 #[test]
 fn a_node_says_whom_it_cannot_reach_and_keeps_trying() {
     let dir = tempfile::tempdir().unwrap();
-    let cell = project("engineering/tests/cells/two_stations/cell.toml").display().to_string();
-    let (manager, gateway) = (format!("tcp/127.0.0.1:{}", free_port()), format!("tcp/127.0.0.1:{}", free_port()));
+    let cell = project("engineering/tests/cells/two_stations/cell.toml")
+        .display()
+        .to_string();
+    let (manager, gateway) = (
+        format!("tcp/127.0.0.1:{}", free_port()),
+        format!("tcp/127.0.0.1:{}", free_port()),
+    );
     let cache = dir.path().join("modules").display().to_string();
-    let mut node = Fam::start(&["node", "controller1", "--cell", &cell, "--connect", &manager, "--connect", &gateway, "--cache", &cache]);
+    let mut node = Fam::start(&[
+        "node",
+        "controller1",
+        "--cell",
+        &cell,
+        "--connect",
+        &manager,
+        "--connect",
+        &gateway,
+        "--cache",
+        &cache,
+    ]);
     node.wait_for(&[&manager]);
     node.wait_for(&[&gateway]);
     assert!(node.runs());
@@ -97,7 +153,9 @@ fn a_node_says_whom_it_cannot_reach_and_keeps_trying() {
 
 #[test]
 fn unknown_controllers_and_gateways_are_refused() {
-    let cell = project("engineering/tests/cells/two_stations/cell.toml").display().to_string();
+    let cell = project("engineering/tests/cells/two_stations/cell.toml")
+        .display()
+        .to_string();
     let (code, _, err) = run(&["node", "controller9", "--cell", &cell]);
     assert_eq!(code, 2);
     says(&err, &["controller9", "controller1"]);
@@ -132,7 +190,9 @@ fn an_mc_of_other_logic_may_not_run_and_is_named() {
 #[test]
 fn a_foreign_or_newer_file_is_refused_and_left_untouched() {
     let dir = tempfile::tempdir().unwrap();
-    let cell = project("engineering/tests/cells/two_stations/cell.toml").display().to_string();
+    let cell = project("engineering/tests/cells/two_stations/cell.toml")
+        .display()
+        .to_string();
     for (name, subcommand) in [("repository", "manager"), ("records", "gateway")] {
         let path = write(dir.path(), name, "this is somebody's shopping list");
         let option = format!("--{name}");
@@ -140,11 +200,21 @@ fn a_foreign_or_newer_file_is_refused_and_left_untouched() {
         if subcommand == "gateway" {
             args.push("gateway1");
         }
-        args.extend(["--cell", &cell, "--listen", "tcp/127.0.0.1:0", &option, &path]);
+        args.extend([
+            "--cell",
+            &cell,
+            "--listen",
+            "tcp/127.0.0.1:0",
+            &option,
+            &path,
+        ]);
         let (code, _, err) = run(&args);
         assert_eq!(code, 2, "{err}");
         says(&err, &[&path]);
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "this is somebody's shopping list");
+        assert_eq!(
+            std::fs::read_to_string(&path).unwrap(),
+            "this is somebody's shopping list"
+        );
     }
 }
 
@@ -157,7 +227,12 @@ fn io_without_a_gateway_says_so() {
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    child.stdin.take().unwrap().write_all(b"name,value\nStart,1\n").unwrap();
+    child
+        .stdin
+        .take()
+        .unwrap()
+        .write_all(b"name,value\nStart,1\n")
+        .unwrap();
     let out = child.wait_with_output().unwrap();
     assert_eq!(out.status.code(), Some(2));
     says(&String::from_utf8_lossy(&out.stderr), &[&endpoint]);

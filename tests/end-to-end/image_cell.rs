@@ -14,7 +14,11 @@ fn mcs_are_placed_moved_drained_and_survive_a_crash() {
     let mut second = cell.node("controller2");
     until("controller2 is up", || {
         let status = cell.status()?;
-        let c = status["controllers"].as_array()?.iter().find(|c| c["controller"] == "controller2")?.clone();
+        let c = status["controllers"]
+            .as_array()?
+            .iter()
+            .find(|c| c["controller"] == "controller2")?
+            .clone();
         (c["up"] == true && !c["report"].is_null()).then_some(())
     });
     cell.operate(&["move", "Feeder", "--to", "controller2"]);
@@ -22,7 +26,14 @@ fn mcs_are_placed_moved_drained_and_survive_a_crash() {
     cell.operate(&["pin", "Feeder"]);
     let epoch = |mc: &str| {
         let status = cell.status().unwrap();
-        status["mcs"].as_array().unwrap().iter().find(|m| m["mc"] == mc).unwrap()["epoch"].as_u64().unwrap()
+        status["mcs"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|m| m["mc"] == mc)
+            .unwrap()["epoch"]
+            .as_u64()
+            .unwrap()
     };
     let before = epoch("Feeder");
     second.child.kill().unwrap();
@@ -35,7 +46,11 @@ fn mcs_are_placed_moved_drained_and_survive_a_crash() {
     for mc in ["Feeder", "Press"] {
         cell.wait_runs_on(mc, "controller2");
     }
-    assert!(first.terminate().success(), "a drained node ends cleanly:\n{}", first.text());
+    assert!(
+        first.terminate().success(),
+        "a drained node ends cleanly:\n{}",
+        first.text()
+    );
     drop(third);
 }
 
@@ -47,7 +62,12 @@ fn a_stopped_mc_stays_stopped_until_its_reset() {
     cell.operate(&["stop", "Feeder"]);
     until("Feeder is stopped", || {
         let status = cell.status()?;
-        (status["mcs"].as_array()?.iter().find(|m| m["mc"] == "Feeder")?["record"] == "stopped").then_some(())
+        (status["mcs"]
+            .as_array()?
+            .iter()
+            .find(|m| m["mc"] == "Feeder")?["record"]
+            == "stopped")
+            .then_some(())
     });
     let (code, _, err) = cell.try_operate(&["move", "Feeder", "--to", "controller1"]);
     assert_ne!(code, 0);
@@ -64,7 +84,11 @@ fn every_process_ends_cleanly_on_sigterm_and_a_node_hands_over_first() {
     let mut second = cell.node("controller2");
     until("controller2 is up", || {
         let status = cell.status()?;
-        status["controllers"].as_array()?.iter().find(|c| c["controller"] == "controller2" && c["up"] == true).map(|_| ())
+        status["controllers"]
+            .as_array()?
+            .iter()
+            .find(|c| c["controller"] == "controller2" && c["up"] == true)
+            .map(|_| ())
     });
     assert!(first.terminate().success(), "{}", first.text());
     // Handed over, not failed over: the new owner runs before the old one is gone.
@@ -72,7 +96,10 @@ fn every_process_ends_cleanly_on_sigterm_and_a_node_hands_over_first() {
         cell.wait_runs_on(mc, "controller2");
     }
     let events = cell.operate(&["events", "--json"]);
-    assert!(events.lines().any(|e| e.contains("mc-released")), "{events}");
+    assert!(
+        events.lines().any(|e| e.contains("mc-released")),
+        "{events}"
+    );
     assert!(second.terminate().success(), "{}", second.text());
     assert!(cell.manager.take().unwrap().terminate().success());
     assert!(cell.gateway.take().unwrap().terminate().success());
@@ -85,7 +112,13 @@ fn manager_and_gateway_can_be_killed_and_started_again() {
     cell.wait_runs_on("Press", "controller1");
     let scan = |cell: &ImageCell| {
         let status = cell.status().unwrap();
-        status["mcs"].as_array().unwrap().iter().find(|m| m["mc"] == "Press").map(|m| (m["epoch"].as_u64().unwrap(), m["scan"].as_u64().unwrap())).unwrap()
+        status["mcs"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|m| m["mc"] == "Press")
+            .map(|m| (m["epoch"].as_u64().unwrap(), m["scan"].as_u64().unwrap()))
+            .unwrap()
     };
     let (epoch, before) = scan(&cell);
     cell.manager.as_mut().unwrap().child.kill().unwrap();
@@ -99,8 +132,15 @@ fn manager_and_gateway_can_be_killed_and_started_again() {
     cell.start_gateway();
     until("Press runs again, from its record", || {
         let status = cell.status()?;
-        let press = status["mcs"].as_array()?.iter().find(|m| m["mc"] == "Press")?.clone();
-        (press["record"] == "open" && press["epoch"].as_u64()? > epoch && press["scan"].as_u64()? > after).then_some(())
+        let press = status["mcs"]
+            .as_array()?
+            .iter()
+            .find(|m| m["mc"] == "Press")?
+            .clone();
+        (press["record"] == "open"
+            && press["epoch"].as_u64()? > epoch
+            && press["scan"].as_u64()? > after)
+            .then_some(())
     });
 }
 
@@ -112,13 +152,27 @@ fn points_are_set_and_read_as_csv() {
     let io = |args: &[&str]| {
         let mut all = vec!["io"];
         all.extend(args);
-        all.extend(["--name", "two_stations", "--endpoint", cell.gateway_endpoint.as_str(), "--gateway", "gateway1"]);
+        all.extend([
+            "--name",
+            "two_stations",
+            "--endpoint",
+            cell.gateway_endpoint.as_str(),
+            "--gateway",
+            "gateway1",
+        ]);
         support::run(&all)
     };
     let (code, out, err) = io(&["get"]);
     assert_eq!(code, 0, "{err}");
     assert!(out.starts_with("name,direction,bits,value"), "{out}");
-    let point = out.lines().nth(1).unwrap().split(',').next().unwrap().to_owned();
+    let point = out
+        .lines()
+        .nth(1)
+        .unwrap()
+        .split(',')
+        .next()
+        .unwrap()
+        .to_owned();
     let (code, _, err) = io(&["set", "NoSuchPoint=1"]);
     assert_ne!(code, 0);
     assert!(err.contains("NoSuchPoint"), "{err}");

@@ -21,22 +21,37 @@ pub struct Fam {
 /// The program under test.
 pub fn fam() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_fam"));
-    command.env("NO_COLOR", "1").env_remove("FAM_LOG").stdin(Stdio::null());
+    command
+        .env("NO_COLOR", "1")
+        .env_remove("FAM_LOG")
+        .stdin(Stdio::null());
     command
 }
 
 /// Runs it to its end; gives exit code, standard output and standard error.
 pub fn run(args: &[&str]) -> (i32, String, String) {
     let out = fam().args(args).output().expect("fam starts");
-    (out.status.code().unwrap_or(-1), String::from_utf8_lossy(&out.stdout).into_owned(), String::from_utf8_lossy(&out.stderr).into_owned())
+    (
+        out.status.code().unwrap_or(-1),
+        String::from_utf8_lossy(&out.stdout).into_owned(),
+        String::from_utf8_lossy(&out.stderr).into_owned(),
+    )
 }
 
 impl Fam {
     /// Starts it and gathers what it prints.
     pub fn start(args: &[&str]) -> Fam {
-        let mut child = fam().args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("fam starts");
+        let mut child = fam()
+            .args(args)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("fam starts");
         let lines: Arc<(Mutex<Vec<String>>, Condvar)> = Arc::default();
-        let streams: [Box<dyn Read + Send>; 2] = [Box::new(child.stdout.take().unwrap()), Box::new(child.stderr.take().unwrap())];
+        let streams: [Box<dyn Read + Send>; 2] = [
+            Box::new(child.stdout.take().unwrap()),
+            Box::new(child.stderr.take().unwrap()),
+        ];
         for stream in streams {
             let sink = lines.clone();
             std::thread::spawn(move || {
@@ -58,7 +73,11 @@ impl Fam {
                 return line.clone();
             }
             let left = deadline.saturating_duration_since(Instant::now());
-            assert!(!left.is_zero(), "no line with {parts:?} in\n{}", lines.join("\n"));
+            assert!(
+                !left.is_zero(),
+                "no line with {parts:?} in\n{}",
+                lines.join("\n")
+            );
             lines = self.lines.1.wait_timeout(lines, left).unwrap().0;
         }
     }
@@ -75,7 +94,10 @@ impl Fam {
 
     pub fn signal(&self, signal: i32) {
         // SAFETY: a signal to our own child.
-        assert_eq!(unsafe { libc::kill(self.child.id().cast_signed(), signal) }, 0);
+        assert_eq!(
+            unsafe { libc::kill(self.child.id().cast_signed(), signal) },
+            0
+        );
     }
 
     /// SIGTERM, and its end.
@@ -91,7 +113,11 @@ impl Fam {
             if let Some(status) = self.child.try_wait().unwrap() {
                 return status;
             }
-            assert!(Instant::now() < deadline, "it does not end; it printed\n{}", self.text());
+            assert!(
+                Instant::now() < deadline,
+                "it does not end; it printed\n{}",
+                self.text()
+            );
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -106,7 +132,11 @@ impl Drop for Fam {
 
 /// A port that nobody listens on.
 pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+    TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port()
 }
 
 /// Waits until a check gives a value.
@@ -141,7 +171,9 @@ impl ImageCell {
     pub fn start() -> ImageCell {
         let mut cell = ImageCell {
             dir: tempfile::tempdir().unwrap(),
-            cell: project("engineering/tests/cells/two_stations/cell.toml").display().to_string(),
+            cell: project("engineering/tests/cells/two_stations/cell.toml")
+                .display()
+                .to_string(),
             manager_endpoint: format!("tcp/127.0.0.1:{}", free_port()),
             gateway_endpoint: format!("tcp/127.0.0.1:{}", free_port()),
             manager: None,
@@ -159,14 +191,31 @@ impl ImageCell {
     pub fn start_manager(&mut self) {
         let repository = self.file("repository.redb");
         self.manager = Some(Fam::start(&[
-            "manager", "--cell", &self.cell, "--listen", &self.manager_endpoint, "--connect", &self.gateway_endpoint, "--repository", &repository,
+            "manager",
+            "--cell",
+            &self.cell,
+            "--listen",
+            &self.manager_endpoint,
+            "--connect",
+            &self.gateway_endpoint,
+            "--repository",
+            &repository,
         ]));
     }
 
     pub fn start_gateway(&mut self) {
         let records = self.file("records.bin");
         self.gateway = Some(Fam::start(&[
-            "gateway", "gateway1", "--cell", &self.cell, "--listen", &self.gateway_endpoint, "--connect", &self.manager_endpoint, "--records", &records,
+            "gateway",
+            "gateway1",
+            "--cell",
+            &self.cell,
+            "--listen",
+            &self.gateway_endpoint,
+            "--connect",
+            &self.manager_endpoint,
+            "--records",
+            &records,
         ]));
     }
 
@@ -177,7 +226,18 @@ impl ImageCell {
     /// A node that runs another version of the cell.
     pub fn node_with(&self, controller: &str, cell: &str) -> Fam {
         let cache = self.file("modules");
-        Fam::start(&["node", controller, "--cell", cell, "--connect", &self.manager_endpoint, "--connect", &self.gateway_endpoint, "--cache", &cache])
+        Fam::start(&[
+            "node",
+            controller,
+            "--cell",
+            cell,
+            "--connect",
+            &self.manager_endpoint,
+            "--connect",
+            &self.gateway_endpoint,
+            "--cache",
+            &cache,
+        ])
     }
 
     /// An operator's command; panics with its message if it fails.
@@ -189,7 +249,12 @@ impl ImageCell {
 
     pub fn try_operate(&self, args: &[&str]) -> (i32, String, String) {
         let mut all = args.to_vec();
-        all.extend(["--name", "two_stations", "--manager", &self.manager_endpoint]);
+        all.extend([
+            "--name",
+            "two_stations",
+            "--manager",
+            &self.manager_endpoint,
+        ]);
         run(&all)
     }
 
@@ -201,11 +266,18 @@ impl ImageCell {
     /// Who owns an MC, by the gateway's record, if it runs.
     pub fn runs_on(&self, mc: &str) -> Option<String> {
         let status = self.status()?;
-        let mc = status["mcs"].as_array()?.iter().find(|m| m["mc"] == mc)?.clone();
-        (mc["record"] == "open" && mc["scan"].as_u64()? > 0).then(|| mc["owner"].as_str().map(str::to_owned))?
+        let mc = status["mcs"]
+            .as_array()?
+            .iter()
+            .find(|m| m["mc"] == mc)?
+            .clone();
+        (mc["record"] == "open" && mc["scan"].as_u64()? > 0)
+            .then(|| mc["owner"].as_str().map(str::to_owned))?
     }
 
     pub fn wait_runs_on(&self, mc: &str, controller: &str) {
-        until(&format!("{mc} runs on {controller}"), || (self.runs_on(mc)? == controller).then_some(()));
+        until(&format!("{mc} runs on {controller}"), || {
+            (self.runs_on(mc)? == controller).then_some(())
+        });
     }
 }

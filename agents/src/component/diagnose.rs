@@ -242,11 +242,7 @@ pub(crate) mod tests {
             (60, Phase::Running, (ONCE, false, false, Kept)),
             (10, Phase::Stopped, (0, false, false, Kept)),
             (50, Phase::Stopped, (PRESS, false, true, Kept)),
-            (
-                40,
-                Phase::Recovering(CARRY),
-                (CARRY, true, false, Kept),
-            ),
+            (40, Phase::Recovering(CARRY), (CARRY, true, false, Kept)),
             (60, Phase::Recovering(ONCE), (STOP, false, true, Kept)),
             // the interrupted action may not be repeated, and the state is in another interval that cannot be recovered
             (50, Phase::Recovering(ONCE), (PRESS, false, true, Kept)),
@@ -302,7 +298,11 @@ pub(crate) mod tests {
         let first = a_grant(None, true);
         assert!(matches!(
             diagnose(&a_diagnosis(true), &first, None),
-            Verdict::Run(Decision { recovery: 0, variables: Variables::Initial, .. })
+            Verdict::Run(Decision {
+                recovery: 0,
+                variables: Variables::Initial,
+                ..
+            })
         ));
     }
 

@@ -167,7 +167,9 @@ impl McAgent {
             | RecordState::Released(_)
             | RecordState::Stopped
             | RecordState::Never => None,
-            RecordState::Closed => lost(format!("epoch {own} is closed: the gateway was restarted")),
+            RecordState::Closed => {
+                lost(format!("epoch {own} is closed: the gateway was restarted"))
+            }
             RecordState::FailSafe => lost(format!(
                 "epoch {own} is closed: the fail-safe values are set"
             )),

@@ -38,8 +38,8 @@ use fam_proto::access::{McAct, McNews};
 use fam_proto::diagnosis::Diagnosis;
 use fam_proto::{
     AgentId, BootId, CheckpointId, Close, Envelope, Epoch, GatewayId, Holding, InputImage,
-    LayoutHash, McId, McOutcome, McReport, McaState, Message, Now, Order, OrderId, Owner, Successor,
-    TrapInfo,
+    LayoutHash, McId, McOutcome, McReport, McaState, Message, Now, Order, OrderId, Owner,
+    Successor, TrapInfo,
 };
 use opening::Opening;
 use std::collections::VecDeque;

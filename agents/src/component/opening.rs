@@ -51,9 +51,7 @@ impl Opening {
     pub(super) fn deadline(&self) -> Option<(Now, &'static str)> {
         match &self.step {
             Step::Waiting(_) => Some((self.until, "give up waiting for the release")),
-            Step::Asking(again) if *again < self.until => {
-                Some((*again, "ask the gateway again"))
-            }
+            Step::Asking(again) if *again < self.until => Some((*again, "ask the gateway again")),
             Step::Asking(_) => Some((self.until, "give up opening")),
             Step::Reading(_) => Some((self.until, "give up reading the state")),
             Step::Starting(_) => None,

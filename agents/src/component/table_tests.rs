@@ -279,10 +279,7 @@ fn apply(a: &mut McAgent, event: &str) {
         ),
         "fail-safe" => a.image(&image(record(5, me(), RecordState::FailSafe)), soon),
         "closed" => a.image(&image(record(5, me(), RecordState::Closed)), soon),
-        "fault on record" => a.image(
-            &image(record(5, me(), RecordState::Faulted(trap()))),
-            soon,
-        ),
+        "fault on record" => a.image(&image(record(5, me(), RecordState::Faulted(trap()))), soon),
         "started" => a.news(McNews::Started { epoch: E }, soon),
         "not started" => a.news(
             McNews::NotStarted {
@@ -419,7 +416,10 @@ fn an_open_is_repeated_until_it_is_answered() {
     assert_eq!(words(&mut a), "<activated 0 #1>");
     // a refusal of a repetition that crossed the grant
     a.gateway_message(refusal(OpenRefusal::StaleEpoch), Now(9_200));
-    assert_eq!((words(&mut a), a.state()), (String::new(), McaState::Active));
+    assert_eq!(
+        (words(&mut a), a.state()),
+        (String::new(), McaState::Active)
+    );
 }
 
 #[test]

@@ -192,10 +192,7 @@ impl MiddlewareManager {
         if there.owner() != Some(&report.owner) {
             // A late answer to its predecessor, or of the manager before, may have told it that it is registered. A life that is
             // over is left alone: the answer would reach its successor.
-            if there
-                .owner()
-                .is_none_or(|o| o.boot < report.owner.boot)
-            {
+            if there.owner().is_none_or(|o| o.boot < report.owner.boot) {
                 let why = format!(
                     "this life of controller {name} (boot {}) has not registered",
                     report.owner.boot

@@ -12,7 +12,12 @@ pub fn run(variables: usize, cycle_ms: u32, trials: usize) -> Result<Map<String,
         let costs: Vec<(u64, u64, bool)> = points
             .iter()
             .filter_map(|p| match *p {
-                Point::Scanned { capture_cpu_ns, sender_cpu_ns, full, .. } => Some((capture_cpu_ns, sender_cpu_ns, full)),
+                Point::Scanned {
+                    capture_cpu_ns,
+                    sender_cpu_ns,
+                    full,
+                    ..
+                } => Some((capture_cpu_ns, sender_cpu_ns, full)),
                 Point::Held { .. } => None,
             })
             .collect();
@@ -28,6 +33,9 @@ pub fn run(variables: usize, cycle_ms: u32, trials: usize) -> Result<Map<String,
     figures.insert("share_percent_p99".into(), json!(all.ms(99.0)));
     figures.insert("scan_thread_percent_p50".into(), json!(capture.ms(50.0)));
     figures.insert("n".into(), json!(all.n()));
-    figures.insert("full_frames".into(), json!(costs.iter().filter(|c| c.2).count()));
+    figures.insert(
+        "full_frames".into(),
+        json!(costs.iter().filter(|c| c.2).count()),
+    );
     Ok(figures)
 }

@@ -114,10 +114,18 @@ pub enum Bench {
 pub fn run(args: &BenchArgs) -> Result<()> {
     let cell = args.cell.as_deref();
     let figures = match &args.what {
-        Bench::Failover { kind, cycle_ms, trials } => failover::run(cell, *kind, *cycle_ms, *trials)?,
+        Bench::Failover {
+            kind,
+            cycle_ms,
+            trials,
+        } => failover::run(cell, *kind, *cycle_ms, *trials)?,
         Bench::Move { cycle_ms, trials } => moves::run(cell, *cycle_ms, *trials)?,
         Bench::State { variables, trials } => state::run(*variables, *trials)?,
-        Bench::Checkpoint { variables, cycle_ms, trials } => checkpoint::run(*variables, *cycle_ms, *trials)?,
+        Bench::Checkpoint {
+            variables,
+            cycle_ms,
+            trials,
+        } => checkpoint::run(*variables, *cycle_ms, *trials)?,
         Bench::Plan { controllers, mcs } => plan::run(*controllers, *mcs)?,
         Bench::Quiet { minutes } => quiet::run(cell, *minutes)?,
     };

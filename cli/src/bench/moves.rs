@@ -26,21 +26,47 @@ pub fn run(cell: Option<&Path>, cycle_ms: u32, trials: usize) -> Result<Map<Stri
         let to = if from == PAIR[0] { PAIR[1] } else { PAIR[0] };
         let began_us = monotonic_us();
         rig.eye
-            .command(CommandKind::Move { mc: mc.clone(), to: ControllerId::new(to)?, force: false })
+            .command(CommandKind::Move {
+                mc: mc.clone(),
+                to: ControllerId::new(to)?,
+                force: false,
+            })
             .with_context(|| format!("trial {}; logs in {}", trial + 1, rig.logs().display()))?;
-        rig.eye.wait(&format!("a frame of {mc} from {to}"), JOURNAL, |seen| (seen.driver(&mc) == Some(to)).then_some(()))?;
+        rig.eye
+            .wait(&format!("a frame of {mc} from {to}"), JOURNAL, |seen| {
+                (seen.driver(&mc) == Some(to)).then_some(())
+            })?;
         let stretch = Stretch::between(&rig.eye.seen().applied, &rig.cycles_us, began_us, u64::MAX);
-        let Some(takeover) = stretch.takeovers.iter().find(|t| t.mc == mc && t.to.1.controller.as_str() == to) else { continue };
-        if rig.witness.stalled_between_us(takeover.last_us, takeover.first_us) {
+        let Some(takeover) = stretch
+            .takeovers
+            .iter()
+            .find(|t| t.mc == mc && t.to.1.controller.as_str() == to)
+        else {
+            continue;
+        };
+        if rig
+            .witness
+            .stalled_between_us(takeover.last_us, takeover.first_us)
+        {
             stalled += 1;
             continue;
         }
         gap_ms.push(ms(takeover.first_us - takeover.last_us));
         total_ms.push(ms(takeover.first_us - began_us));
-        missed += stretch.gaps.iter().filter(|g| g.mc == mc && g.epochs.0 != g.epochs.1).map(|g| g.missed_scans).sum::<u64>();
+        missed += stretch
+            .gaps
+            .iter()
+            .filter(|g| g.mc == mc && g.epochs.0 != g.epochs.1)
+            .map(|g| g.missed_scans)
+            .sum::<u64>();
     }
     let seen = rig.eye.seen();
-    let behind = Stretch::between(&seen.applied, &rig.cycles_us, 0, u64::MAX).takeovers.iter().map(|t| t.scans_behind).max().unwrap_or(0);
+    let behind = Stretch::between(&seen.applied, &rig.cycles_us, 0, u64::MAX)
+        .takeovers
+        .iter()
+        .map(|t| t.scans_behind)
+        .max()
+        .unwrap_or(0);
     drop(seen);
     rig.cell.stop()?;
     let (gap, total) = (Stats::new(gap_ms), Stats::new(total_ms));

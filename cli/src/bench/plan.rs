@@ -19,7 +19,11 @@ pub fn run(controllers: usize, mcs: usize) -> Result<Map<String, Value>> {
         let began = Instant::now();
         let solution = plan(&planted.problem);
         ms.push(began.elapsed().as_secs_f64() * 1_000.0);
-        anyhow::ensure!(solution.left_out.is_empty(), "{} MCs were not placed (seed {seed})", solution.left_out.len());
+        anyhow::ensure!(
+            solution.left_out.is_empty(),
+            "{} MCs were not placed (seed {seed})",
+            solution.left_out.len()
+        );
         let above = |floor: u64| (solution.peak_ppm as f64 / floor as f64 - 1.0) * 100.0;
         gap_percent = gap_percent.max(above(planted.optimum_ppm));
         bound_percent = bound_percent.max(above(solution.lower_bound_ppm));
@@ -28,8 +32,14 @@ pub fn run(controllers: usize, mcs: usize) -> Result<Map<String, Value>> {
     let mut figures = Map::new();
     figures.insert("ms".into(), json!(stats.ms(50.0)));
     figures.insert("ms_max".into(), json!(stats.ms(100.0)));
-    figures.insert("gap_percent".into(), json!((gap_percent * 1_000.0).round() / 1_000.0));
-    figures.insert("gap_to_bound_percent".into(), json!((bound_percent * 1_000.0).round() / 1_000.0));
+    figures.insert(
+        "gap_percent".into(),
+        json!((gap_percent * 1_000.0).round() / 1_000.0),
+    );
+    figures.insert(
+        "gap_to_bound_percent".into(),
+        json!((bound_percent * 1_000.0).round() / 1_000.0),
+    );
     figures.insert("controllers".into(), json!(controllers));
     figures.insert("mcs".into(), json!(mcs));
     Ok(figures)

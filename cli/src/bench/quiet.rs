@@ -20,7 +20,9 @@ impl Load {
                 let mut x = 1_u64;
                 while !stop.load(Ordering::Relaxed) {
                     for _ in 0..10_000 {
-                        x = std::hint::black_box(x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1));
+                        x = std::hint::black_box(
+                            x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1),
+                        );
                     }
                 }
             });
@@ -53,7 +55,11 @@ pub fn run(cell: Option<&Path>, minutes: u64) -> Result<Map<String, Value>> {
     // Work balance may move an MC under load; that is a released handover, not a failover.
     let seen = rig.eye.seen();
     let takeovers = fam_gateway_core::recorder::takeovers(&seen.applied);
-    let after_start = takeovers.iter().filter(|t| before.iter().any(|(mc, epoch)| mc == &t.mc && t.to.0 > *epoch));
+    let after_start = takeovers.iter().filter(|t| {
+        before
+            .iter()
+            .any(|(mc, epoch)| mc == &t.mc && t.to.0 > *epoch)
+    });
     let (mut false_failovers, mut moves) = (0, 0);
     for takeover in after_start {
         if takeover.released {
@@ -73,5 +79,10 @@ pub fn run(cell: Option<&Path>, minutes: u64) -> Result<Map<String, Value>> {
 }
 
 fn epochs(rig: &Rig) -> Vec<(fam_proto::McId, fam_proto::Epoch)> {
-    rig.eye.seen().newest.values().map(|a| (a.mc.clone(), a.epoch)).collect()
+    rig.eye
+        .seen()
+        .newest
+        .values()
+        .map(|a| (a.mc.clone(), a.epoch))
+        .collect()
 }

@@ -35,7 +35,9 @@ pub fn start(target: SocketAddr, cut: &Cut) -> Result<SocketAddr> {
     let cut = cut.clone();
     std::thread::spawn(move || {
         for near in listener.incoming().flatten() {
-            let Ok(far) = TcpStream::connect(target) else { continue };
+            let Ok(far) = TcpStream::connect(target) else {
+                continue;
+            };
             let _ = (near.set_nodelay(true), far.set_nodelay(true));
             if let (Ok(near2), Ok(far2)) = (near.try_clone(), far.try_clone()) {
                 pump(near, far, cut.clone());
@@ -53,7 +55,10 @@ fn pump(mut from: TcpStream, mut to: TcpStream, cut: Cut) {
             let n = from.read(&mut buffer).unwrap_or(0);
             cut.wait_until_mended();
             if n == 0 || to.write_all(&buffer[..n]).is_err() {
-                let _ = (from.shutdown(std::net::Shutdown::Both), to.shutdown(std::net::Shutdown::Both));
+                let _ = (
+                    from.shutdown(std::net::Shutdown::Both),
+                    to.shutdown(std::net::Shutdown::Both),
+                );
                 return;
             }
         }
@@ -83,11 +88,18 @@ mod tests {
         client.read_exact(&mut b).unwrap();
         assert_eq!(&b, b"a");
         cut.set(true);
-        client.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+        client
+            .set_read_timeout(Some(Duration::from_millis(50)))
+            .unwrap();
         client.write_all(b"b").unwrap();
-        assert!(client.read_exact(&mut b).is_err(), "nothing passes a cut link, and it is not closed");
+        assert!(
+            client.read_exact(&mut b).is_err(),
+            "nothing passes a cut link, and it is not closed"
+        );
         cut.set(false);
-        client.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        client
+            .set_read_timeout(Some(Duration::from_secs(5)))
+            .unwrap();
         client.read_exact(&mut b).unwrap();
         assert_eq!(&b, b"b");
     }

@@ -28,7 +28,11 @@ pub struct Rig {
 
 impl Rig {
     /// Starts plant, gateway, manager. `detour` gives endpoints that a controller connects to in place of the real ones.
-    pub fn start(cell: Option<&Path>, cycle_ms: u32, detour: impl FnOnce(&str, &str) -> Result<BTreeMap<String, Vec<String>>>) -> Result<Rig> {
+    pub fn start(
+        cell: Option<&Path>,
+        cycle_ms: u32,
+        detour: impl FnOnce(&str, &str) -> Result<BTreeMap<String, Vec<String>>>,
+    ) -> Result<Rig> {
         let run_dir = tempfile::Builder::new().prefix("fam-bench-").tempdir()?;
         let path = match cell {
             Some(path) => path.to_owned(),
@@ -36,7 +40,12 @@ impl Rig {
         };
         let path = with_cycle(&path, cycle_ms, run_dir.path())?;
         let model = fam_engineering::build(&path)?.model;
-        let gateway = model.gateways.first().ok_or_else(|| anyhow!("{} has no gateway", path.display()))?.gateway.clone();
+        let gateway = model
+            .gateways
+            .first()
+            .ok_or_else(|| anyhow!("{} has no gateway", path.display()))?
+            .gateway
+            .clone();
         let mut cell = Running::start(Setup {
             cell: path,
             gateway: gateway.to_string(),
@@ -46,18 +55,39 @@ impl Rig {
             detour: BTreeMap::new(),
         })?;
         cell.detour(detour(cell.manager_endpoint(), cell.gateway_endpoint())?);
-        let eye = Observer::start(&model.cell, &gateway, cell.manager_endpoint(), cell.gateway_endpoint())?;
-        let cycles_us = model.mcs.iter().map(|m| (m.mc.clone(), u64::from(m.cycle_us))).collect();
-        Ok(Rig { cell, eye, witness: Witness::start(), model, cycles_us, _run_dir: run_dir })
+        let eye = Observer::start(
+            &model.cell,
+            &gateway,
+            cell.manager_endpoint(),
+            cell.gateway_endpoint(),
+        )?;
+        let cycles_us = model
+            .mcs
+            .iter()
+            .map(|m| (m.mc.clone(), u64::from(m.cycle_us)))
+            .collect();
+        Ok(Rig {
+            cell,
+            eye,
+            witness: Witness::start(),
+            model,
+            cycles_us,
+            _run_dir: run_dir,
+        })
     }
 
     /// Starts a node and waits until the manager has its reports and no plan is under way.
     pub fn join(&mut self, controller: &str) -> Result<()> {
         self.cell.start_node(controller)?;
-        self.eye.wait(&format!("{controller} has joined"), WAIT, |seen| {
-            let (_, status) = seen.history.last()?;
-            status.controllers.iter().any(|c| c.controller.as_str() == controller && c.up && c.report.is_some()).then_some(())
-        })?;
+        self.eye
+            .wait(&format!("{controller} has joined"), WAIT, |seen| {
+                let (_, status) = seen.history.last()?;
+                status
+                    .controllers
+                    .iter()
+                    .any(|c| c.controller.as_str() == controller && c.up && c.report.is_some())
+                    .then_some(())
+            })?;
         self.rest()
     }
 
@@ -70,9 +100,21 @@ impl Rig {
             let (driven, now_owners, busy) = {
                 let seen = self.eye.seen();
                 let now_us = monotonic_us();
-                let driven = self.model.mcs.iter().all(|m| seen.newest.get(&m.mc).is_some_and(|a| now_us.saturating_sub(a.at_us) < 100_000));
-                let owners: Vec<_> = seen.newest.values().map(|a| (a.mc.clone(), a.epoch)).collect();
-                (driven, owners, seen.status().is_none_or(|s| s.in_progress.is_some()))
+                let driven = self.model.mcs.iter().all(|m| {
+                    seen.newest
+                        .get(&m.mc)
+                        .is_some_and(|a| now_us.saturating_sub(a.at_us) < 100_000)
+                });
+                let owners: Vec<_> = seen
+                    .newest
+                    .values()
+                    .map(|a| (a.mc.clone(), a.epoch))
+                    .collect();
+                (
+                    driven,
+                    owners,
+                    seen.status().is_none_or(|s| s.in_progress.is_some()),
+                )
             };
             if !driven || busy || now_owners != owners {
                 quiet_since = Instant::now();
@@ -83,7 +125,10 @@ impl Rig {
             }
             if Instant::now() > deadline {
                 let dead = self.cell.casualties()?;
-                bail!("the cell does not come to rest within {WAIT:?}{}", dead.iter().map(|d| format!("\n{d}")).collect::<String>());
+                bail!(
+                    "the cell does not come to rest within {WAIT:?}{}",
+                    dead.iter().map(|d| format!("\n{d}")).collect::<String>()
+                );
             }
             std::thread::sleep(Duration::from_millis(10));
         }
@@ -94,9 +139,13 @@ impl Rig {
         let seen = self.eye.seen();
         let mut by: BTreeMap<String, Vec<McId>> = BTreeMap::new();
         for a in seen.newest.values() {
-            by.entry(a.owner.controller.to_string()).or_default().push(a.mc.clone());
+            by.entry(a.owner.controller.to_string())
+                .or_default()
+                .push(a.mc.clone());
         }
-        by.into_iter().max_by_key(|(_, mcs)| mcs.len()).ok_or_else(|| anyhow!("nothing is driven"))
+        by.into_iter()
+            .max_by_key(|(_, mcs)| mcs.len())
+            .ok_or_else(|| anyhow!("nothing is driven"))
     }
 
     /// Logs of the processes, for error messages.
@@ -107,16 +156,32 @@ impl Rig {
 
 /// The cell with another tick and cycle: a copy beside the logs, if it differs.
 fn with_cycle(path: &Path, cycle_ms: u32, dir: &Path) -> Result<PathBuf> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut table: toml::Table = text.parse().with_context(|| path.display().to_string())?;
-    let folder = path.canonicalize()?.parent().map(Path::to_owned).unwrap_or_default();
+    let folder = path
+        .canonicalize()?
+        .parent()
+        .map(Path::to_owned)
+        .unwrap_or_default();
     let cycle = toml::Value::Integer(i64::from(cycle_ms));
     if let Some(cell) = table.get_mut("cell").and_then(toml::Value::as_table_mut) {
         cell.insert("tick_ms".into(), cycle.clone());
     }
-    for mc in table.get_mut("mc").and_then(toml::Value::as_array_mut).into_iter().flatten().filter_map(toml::Value::as_table_mut) {
+    for mc in table
+        .get_mut("mc")
+        .and_then(toml::Value::as_array_mut)
+        .into_iter()
+        .flatten()
+        .filter_map(toml::Value::as_table_mut)
+    {
         mc.insert("cycle_ms".into(), cycle.clone());
-        for file in mc.get_mut("logic").and_then(toml::Value::as_array_mut).into_iter().flatten() {
+        for file in mc
+            .get_mut("logic")
+            .and_then(toml::Value::as_array_mut)
+            .into_iter()
+            .flatten()
+        {
             if let Some(name) = file.as_str() {
                 *file = toml::Value::String(folder.join(name).display().to_string());
             }

@@ -20,19 +20,35 @@ pub fn run(variables: usize, trials: usize) -> Result<Map<String, Value>> {
         let mut size = 0;
         for point in points {
             match *point {
-                Point::Scanned { epoch, scan, scan_end_ns, bytes, .. } => {
+                Point::Scanned {
+                    epoch,
+                    scan,
+                    scan_end_ns,
+                    bytes,
+                    ..
+                } => {
                     scanned.insert((epoch, scan), scan_end_ns);
                     size = size.max(bytes);
                 }
                 Point::Held { epoch, scan, at_ns } => pairs.push(((epoch, scan), at_ns)),
             }
         }
-        let pairs: Vec<(u64, u64)> = pairs.into_iter().filter_map(|(id, held)| Some((*scanned.get(&id)?, held))).collect();
+        let pairs: Vec<(u64, u64)> = pairs
+            .into_iter()
+            .filter_map(|(id, held)| Some((*scanned.get(&id)?, held)))
+            .collect();
         (pairs.len() >= trials).then_some((pairs, size))
     })?;
     traced.stop()?;
-    let (calm, stalled): (Vec<_>, Vec<_>) = pairs.iter().take(trials).partition(|(from, to)| !witness.stalled_between_us(from / 1_000, to / 1_000));
-    let stats = Stats::new(calm.iter().map(|(from, to)| to.saturating_sub(*from) as f64 / 1e6).collect());
+    let (calm, stalled): (Vec<_>, Vec<_>) = pairs
+        .iter()
+        .take(trials)
+        .partition(|(from, to)| !witness.stalled_between_us(from / 1_000, to / 1_000));
+    let stats = Stats::new(
+        calm.iter()
+            .map(|(from, to)| to.saturating_sub(*from) as f64 / 1e6)
+            .collect(),
+    );
     let mut figures = Map::new();
     figures.insert("n".into(), json!(stats.n()));
     figures.insert("stalled".into(), json!(stalled.len()));

@@ -16,8 +16,20 @@ use tempfile::TempDir;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "point", rename_all = "lowercase")]
 pub enum Point {
-    Scanned { epoch: u64, scan: u64, scan_end_ns: u64, capture_cpu_ns: u64, sender_cpu_ns: u64, bytes: usize, full: bool },
-    Held { epoch: u64, scan: u64, at_ns: u64 },
+    Scanned {
+        epoch: u64,
+        scan: u64,
+        scan_end_ns: u64,
+        capture_cpu_ns: u64,
+        sender_cpu_ns: u64,
+        bytes: usize,
+        full: bool,
+    },
+    Held {
+        epoch: u64,
+        scan: u64,
+        at_ns: u64,
+    },
 }
 
 /// The running pair.
@@ -52,14 +64,26 @@ impl Traced {
         let runtime = fam_driver::runtime()?;
         let points: Arc<(Mutex<Vec<Point>>, Condvar)> = Arc::default();
         let (client, subscriptions) = runtime.block_on(async {
-            let client = Client::open(cell_id.clone(), vec![cell.manager_endpoint().to_owned(), cell.gateway_endpoint().to_owned()]).await?;
+            let client = Client::open(
+                cell_id.clone(),
+                vec![
+                    cell.manager_endpoint().to_owned(),
+                    cell.gateway_endpoint().to_owned(),
+                ],
+            )
+            .await?;
             let mut subscriptions = Vec::new();
             for controller in ["controller1", "controller2"] {
                 let sink = points.clone();
-                let key = fam_controller_node::trace::key(&cell_id, &ControllerId::new(controller)?);
+                let key =
+                    fam_controller_node::trace::key(&cell_id, &ControllerId::new(controller)?);
                 subscriptions.push(client.link().subscribe(&key, move |_, bytes| {
                     if let Ok(mut points) = sink.0.lock() {
-                        points.extend(bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice(line).ok()));
+                        points.extend(
+                            bytes
+                                .split(|b| *b == b'\n')
+                                .filter_map(|line| serde_json::from_slice(line).ok()),
+                        );
                         sink.1.notify_all();
                     }
                 })?);
@@ -67,25 +91,53 @@ impl Traced {
             anyhow::Ok((client, subscriptions))
         })?;
         // The first one drives, the second one holds.
-        let eye = Observer::start(&cell_id, &GatewayId::new(GATEWAY)?, cell.manager_endpoint(), cell.gateway_endpoint())?;
+        let eye = Observer::start(
+            &cell_id,
+            &GatewayId::new(GATEWAY)?,
+            cell.manager_endpoint(),
+            cell.gateway_endpoint(),
+        )?;
         cell.start_node("controller1")?;
-        eye.wait("controller1 drives the MC", WAIT, |seen| (!seen.newest.is_empty()).then_some(()))?;
+        eye.wait("controller1 drives the MC", WAIT, |seen| {
+            (!seen.newest.is_empty()).then_some(())
+        })?;
         cell.start_node("controller2")?;
         drop(eye);
-        Ok(Traced { cell, points, runtime, _subscriptions: subscriptions, client, _dir: dir })
+        Ok(Traced {
+            cell,
+            points,
+            runtime,
+            _subscriptions: subscriptions,
+            client,
+            _dir: dir,
+        })
     }
 
     /// Waits until `enough` is content with the points seen so far.
     pub fn wait<T>(&self, what: &str, mut enough: impl FnMut(&[Point]) -> Option<T>) -> Result<T> {
         let deadline = Instant::now() + WAIT;
-        let mut points = self.points.0.lock().map_err(|_| anyhow::anyhow!("the points are lost"))?;
+        let mut points = self
+            .points
+            .0
+            .lock()
+            .map_err(|_| anyhow::anyhow!("the points are lost"))?;
         loop {
             if let Some(value) = enough(&points) {
                 return Ok(value);
             }
             let left = deadline.saturating_duration_since(Instant::now());
-            anyhow::ensure!(!left.is_zero(), "waited {WAIT:?} in vain: {what}; {} points seen; logs in {}", points.len(), self.cell.run_dir().display());
-            points = self.points.1.wait_timeout(points, left).map_err(|_| anyhow::anyhow!("the points are lost"))?.0;
+            anyhow::ensure!(
+                !left.is_zero(),
+                "waited {WAIT:?} in vain: {what}; {} points seen; logs in {}",
+                points.len(),
+                self.cell.run_dir().display()
+            );
+            points = self
+                .points
+                .1
+                .wait_timeout(points, left)
+                .map_err(|_| anyhow::anyhow!("the points are lost"))?
+                .0;
         }
     }
 

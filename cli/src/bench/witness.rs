@@ -37,12 +37,20 @@ impl Witness {
                 due = (due + PERIOD_US).max(now);
             }
         });
-        Witness { stalls, stop, thread: Some(thread) }
+        Witness {
+            stalls,
+            stop,
+            thread: Some(thread),
+        }
     }
 
     /// Whether this machine stalled at any time between the two moments of its monotonic clock, in microseconds.
     pub fn stalled_between_us(&self, from_us: u64, to_us: u64) -> bool {
-        self.stalls.lock().is_ok_and(|stalls| stalls.iter().any(|&(begin, end)| begin < to_us && end > from_us))
+        self.stalls.lock().is_ok_and(|stalls| {
+            stalls
+                .iter()
+                .any(|&(begin, end)| begin < to_us && end > from_us)
+        })
     }
 
     /// Number of stalls seen so far.

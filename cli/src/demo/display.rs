@@ -17,7 +17,9 @@ impl Display {
     pub fn new(steps: u64, headless: bool, json: bool) -> Display {
         let bar = (!headless && !json && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::new(steps);
-            if let Ok(style) = ProgressStyle::with_template("{spinner} [{elapsed_precise}] {bar:24} {pos}/{len}  {wide_msg}") {
+            if let Ok(style) = ProgressStyle::with_template(
+                "{spinner} [{elapsed_precise}] {bar:24} {pos}/{len}  {wide_msg}",
+            ) {
                 bar.set_style(style.progress_chars("=> "));
             }
             bar.enable_steady_tick(Duration::from_millis(120));
@@ -46,10 +48,24 @@ impl Display {
         if let Some(bar) = &self.bar {
             bar.inc(1);
         }
-        let loads: Vec<String> = step.after.iter().map(|(c, p)| format!("{c} {p:.0} %")).collect();
-        self.line(&format!("{:6.1} s  {}: {}", step.at_s, step.name, step.text));
-        let gap = step.gap_ms.map_or(String::new(), |ms| format!(", longest gap {ms:.1} ms"));
-        self.line(&format!("          {:.1} s later: {}{gap}, {} finished", ended_s - step.at_s, loads.join(", "), step.products));
+        let loads: Vec<String> = step
+            .after
+            .iter()
+            .map(|(c, p)| format!("{c} {p:.0} %"))
+            .collect();
+        self.line(&format!(
+            "{:6.1} s  {}: {}",
+            step.at_s, step.name, step.text
+        ));
+        let gap = step
+            .gap_ms
+            .map_or(String::new(), |ms| format!(", longest gap {ms:.1} ms"));
+        self.line(&format!(
+            "          {:.1} s later: {}{gap}, {} finished",
+            ended_s - step.at_s,
+            loads.join(", "),
+            step.products
+        ));
     }
 
     /// An assertion was made.
@@ -58,7 +74,11 @@ impl Display {
             return;
         }
         let text = format!("          FAILED: {}: {}", check.name, check.seen);
-        self.line(&if colours() { format!("\x1b[31m{text}\x1b[0m") } else { text });
+        self.line(&if colours() {
+            format!("\x1b[31m{text}\x1b[0m")
+        } else {
+            text
+        });
     }
 
     /// The story is over.

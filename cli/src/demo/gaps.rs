@@ -26,15 +26,31 @@ pub struct Missed {
 impl std::fmt::Display for Missed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} missed", self.scans)?;
-        if self.stalled > 0 { write!(f, ", {} more while the machine itself stalled", self.stalled) } else { Ok(()) }
+        if self.stalled > 0 {
+            write!(
+                f,
+                ", {} more while the machine itself stalled",
+                self.stalled
+            )
+        } else {
+            Ok(())
+        }
     }
 }
 
 impl Stretch {
     /// Reads the journal; times are of the machine's monotonic clock, in microseconds.
-    pub fn between(applied: &[Applied], cycles_us: &BTreeMap<McId, u64>, from_us: u64, to_us: u64) -> Stretch {
+    pub fn between(
+        applied: &[Applied],
+        cycles_us: &BTreeMap<McId, u64>,
+        from_us: u64,
+        to_us: u64,
+    ) -> Stretch {
         let within = |at_us: u64| (from_us..=to_us).contains(&at_us);
-        let mut stretch = Stretch { takeovers: recorder::takeovers(applied), gaps: recorder::gaps(applied, cycles_us) };
+        let mut stretch = Stretch {
+            takeovers: recorder::takeovers(applied),
+            gaps: recorder::gaps(applied, cycles_us),
+        };
         stretch.takeovers.retain(|t| within(t.first_us));
         stretch.gaps.retain(|g| within(g.to_us));
         stretch
@@ -43,7 +59,10 @@ impl Stretch {
     /// Longest time without an applied frame at a takeover, in milliseconds.
     #[allow(clippy::cast_precision_loss)]
     pub fn longest_takeover_ms(&self) -> Option<f64> {
-        self.takeovers.iter().map(|t| (t.first_us - t.last_us) as f64 / 1_000.0).reduce(f64::max)
+        self.takeovers
+            .iter()
+            .map(|t| (t.first_us - t.last_us) as f64 / 1_000.0)
+            .reduce(f64::max)
     }
 
     /// Counts missed scans in gaps that `counts` picks.

@@ -33,7 +33,12 @@ pub fn run(args: &DemoArgs) -> Result<bool> {
     };
     let built = fam_engineering::build(&path)?;
     let model = built.model;
-    let gateway = model.gateways.first().ok_or_else(|| anyhow!("{} has no gateway", path.display()))?.gateway.clone();
+    let gateway = model
+        .gateways
+        .first()
+        .ok_or_else(|| anyhow!("{} has no gateway", path.display()))?
+        .gateway
+        .clone();
     let run_dir = tempfile::Builder::new().prefix("fam-demo-").tempdir()?;
     let started = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
     let display = Display::new(story::STEPS, args.headless, args.json);
@@ -47,9 +52,18 @@ pub fn run(args: &DemoArgs) -> Result<bool> {
         run_dir: run_dir.path().to_owned(),
         detour: BTreeMap::new(),
     })?;
-    let eye = Observer::start(&model.cell, &gateway, cell.manager_endpoint(), cell.gateway_endpoint())?;
+    let eye = Observer::start(
+        &model.cell,
+        &gateway,
+        cell.manager_endpoint(),
+        cell.gateway_endpoint(),
+    )?;
     let plant = fam_plant::StatusClient::new(cell.plant_status());
-    let cycles_us: BTreeMap<McId, u64> = model.mcs.iter().map(|m| (m.mc.clone(), u64::from(m.cycle_us))).collect();
+    let cycles_us: BTreeMap<McId, u64> = model
+        .mcs
+        .iter()
+        .map(|m| (m.mc.clone(), u64::from(m.cycle_us)))
+        .collect();
     let mut stage = Stage {
         cell,
         eye,
@@ -64,7 +78,11 @@ pub fn run(args: &DemoArgs) -> Result<bool> {
     };
     let played = story::play(&mut stage);
     if let Err(error) = &played {
-        stage.check("the story can be played to its end", false, format!("{error:#}"));
+        stage.check(
+            "the story can be played to its end",
+            false,
+            format!("{error:#}"),
+        );
         keep_logs(stage.cell.run_dir(), &args.report)?;
     }
     report::final_checks(&mut stage, args.seed);
@@ -87,7 +105,9 @@ pub fn find_cell() -> Result<PathBuf> {
     [PathBuf::from(CELL), beside]
         .into_iter()
         .find(|p| p.is_file())
-        .with_context(|| format!("the cell model {CELL} was not found; run `fam demo` in the project's folder"))
+        .with_context(|| {
+            format!("the cell model {CELL} was not found; run `fam demo` in the project's folder")
+        })
 }
 
 /// Logs of a failed run stay beside the report.

@@ -12,15 +12,29 @@ use std::time::Duration;
 /// What has to be true when the story is over.
 pub fn final_checks(s: &mut Stage, seed: u64) {
     let doubles = recorder::double_driven_scans(&s.eye.seen().applied);
-    s.check("no scan was driven by two controllers", doubles == 0, format!("{doubles} of {} frames applied", s.eye.seen().applied.len()));
+    s.check(
+        "no scan was driven by two controllers",
+        doubles == 0,
+        format!("{doubles} of {} frames applied", s.eye.seen().applied.len()),
+    );
     let holes = s.eye.seen().holes;
-    s.check("the journal of applied frames is whole", holes == 0, format!("{holes} entries lost on the way to the observer"));
+    s.check(
+        "the journal of applied frames is whole",
+        holes == 0,
+        format!("{holes} entries lost on the way to the observer"),
+    );
     let plant = match s.plant() {
         Ok(plant) => plant,
         Err(error) => return s.check("the plant gives its account", false, format!("{error:#}")),
     };
-    let first = plant.incidents.first().map_or("none".to_owned(), |i| format!("{} in all, the first: {i}", plant.incidents.len()));
-    s.check("the plant has noticed no incident", plant.incidents.is_empty(), first);
+    let first = plant.incidents.first().map_or("none".to_owned(), |i| {
+        format!("{} in all, the first: {i}", plant.incidents.len())
+    });
+    s.check(
+        "the plant has noticed no incident",
+        plant.incidents.is_empty(),
+        first,
+    );
     s.check(
         "no part is lost, doubled or damaged",
         plant.ledger.lost == 0 && plant.ledger.damaged == 0 && plant.ledger.balanced(),
@@ -31,12 +45,19 @@ pub fn final_checks(s: &mut Stage, seed: u64) {
     got.sort_by_key(|p| p.order);
     let mut expected = fam_simulation::undisturbed::products(seed, got.len());
     expected.sort_by_key(|p| p.order);
-    let differ = expected.iter().zip(&got).find(|(a, b)| a.contents() != b.contents());
+    let differ = expected
+        .iter()
+        .zip(&got)
+        .find(|(a, b)| a.contents() != b.contents());
     let (held, seen) = match differ {
         None => (!got.is_empty(), format!("{} sets equal", got.len())),
         Some((expected, got)) => (false, format!("finished: {got}; undisturbed: {expected}")),
     };
-    s.check("the finished products equal those of an undisturbed run", held, seen);
+    s.check(
+        "the finished products equal those of an undisturbed run",
+        held,
+        seen,
+    );
 }
 
 /// Puts everything together.
@@ -51,22 +72,36 @@ pub fn make(s: &Stage, seed: u64, started: String) -> Report {
         .iter()
         .flat_map(|(at, status)| {
             let at_s = at_s(*at);
-            status.controllers.iter().filter(|c| c.boot.is_some()).map(move |c| {
-                let report = c.report.as_ref();
-                Sample {
-                    at_s,
-                    controller: c.controller.to_string(),
-                    workload_percent: report.map_or(0.0, |r| percent(r.workload_permille)),
-                    active: c.active.iter().map(fam_proto::McId::as_str).collect::<Vec<_>>().join(" "),
-                    process_cpu_percent: report.map_or(0.0, |r| percent(r.process_cpu_permille)),
-                    process_memory_mb: report.map_or(0.0, |r| r.process_memory_kb as f64 / 1024.0),
-                    up: c.up && report.is_some(),
-                }
-            })
+            status
+                .controllers
+                .iter()
+                .filter(|c| c.boot.is_some())
+                .map(move |c| {
+                    let report = c.report.as_ref();
+                    Sample {
+                        at_s,
+                        controller: c.controller.to_string(),
+                        workload_percent: report.map_or(0.0, |r| percent(r.workload_permille)),
+                        active: c
+                            .active
+                            .iter()
+                            .map(fam_proto::McId::as_str)
+                            .collect::<Vec<_>>()
+                            .join(" "),
+                        process_cpu_percent: report
+                            .map_or(0.0, |r| percent(r.process_cpu_permille)),
+                        process_memory_mb: report
+                            .map_or(0.0, |r| r.process_memory_kb as f64 / 1024.0),
+                        up: c.up && report.is_some(),
+                    }
+                })
         })
         .collect();
     // The manager's clock restarts with it; the wall clock of events is this machine's.
-    let wall_us = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or(Duration::ZERO).as_micros() as f64;
+    let wall_us = std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .unwrap_or(Duration::ZERO)
+        .as_micros() as f64;
     let events = seen
         .events
         .iter()
@@ -78,7 +113,10 @@ pub fn make(s: &Stage, seed: u64, started: String) -> Report {
                 Severity::Alarm => "alarm",
             }
             .to_owned(),
-            kind: serde_json::to_value(e.kind).ok().and_then(|k| k.as_str().map(str::to_owned)).unwrap_or_default(),
+            kind: serde_json::to_value(e.kind)
+                .ok()
+                .and_then(|k| k.as_str().map(str::to_owned))
+                .unwrap_or_default(),
             mc: e.mc.as_ref().map(ToString::to_string),
             controller: e.controller.as_ref().map(ToString::to_string),
             text: e.text.clone(),
@@ -114,8 +152,23 @@ pub fn make(s: &Stage, seed: u64, started: String) -> Report {
 
 /// The table at the end.
 pub fn print(r: &Report, dir: &Path) {
-    let mut steps = table(&["s", "step", "workload before %", "after %", "longest gap ms", "missed scans", "rejected", "finished"]);
-    let loads = |loads: &[(String, f64)]| loads.iter().map(|(c, p)| format!("{} {p:.0}", c.trim_start_matches("controller"))).collect::<Vec<_>>().join("  ");
+    let mut steps = table(&[
+        "s",
+        "step",
+        "workload before %",
+        "after %",
+        "longest gap ms",
+        "missed scans",
+        "rejected",
+        "finished",
+    ]);
+    let loads = |loads: &[(String, f64)]| {
+        loads
+            .iter()
+            .map(|(c, p)| format!("{} {p:.0}", c.trim_start_matches("controller")))
+            .collect::<Vec<_>>()
+            .join("  ")
+    };
     for s in &r.steps {
         steps.add_row(vec![
             number(format!("{:.1}", s.at_s)),
@@ -141,7 +194,14 @@ pub fn print(r: &Report, dir: &Path) {
     let t = &r.totals;
     println!(
         "\n{} sets finished, {} parts lost, {} damaged, {} incidents; {} frames applied, {} rejected, {} double-driven scans; {:.1} s",
-        t.products, t.parts_lost, t.parts_damaged, t.incidents, t.frames_applied, t.frames_rejected, t.double_driven_scans, r.seconds
+        t.products,
+        t.parts_lost,
+        t.parts_damaged,
+        t.incidents,
+        t.frames_applied,
+        t.frames_rejected,
+        t.double_driven_scans,
+        r.seconds
     );
     println!("report: {}", dir.join("report.html").display());
 }

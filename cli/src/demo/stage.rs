@@ -50,7 +50,12 @@ impl Stage {
     }
 
     /// Does one step of the story and writes down what came of it.
-    pub fn step(&mut self, name: &str, doing: &str, action: impl FnOnce(&mut Stage) -> Result<String>) -> Result<Stretch> {
+    pub fn step(
+        &mut self,
+        name: &str,
+        doing: &str,
+        action: impl FnOnce(&mut Stage) -> Result<String>,
+    ) -> Result<Stretch> {
         self.display.doing(doing);
         let at_us = monotonic_us();
         let before = self.eye.seen().workloads();
@@ -58,7 +63,12 @@ impl Stage {
         let text = action(self).with_context(|| format!("step \"{name}\""))?;
         let ended_us = monotonic_us();
         self.settle()?;
-        let stretch = Stretch::between(&self.eye.seen().applied, &self.cycles_us, at_us, monotonic_us());
+        let stretch = Stretch::between(
+            &self.eye.seen().applied,
+            &self.cycles_us,
+            at_us,
+            monotonic_us(),
+        );
         // One look after the other: each holds what has been seen for its statement.
         let after = self.eye.seen().workloads();
         let rejected = self.rejected().saturating_sub(rejected_before);
@@ -69,7 +79,9 @@ impl Stage {
             before,
             after,
             gap_ms: stretch.longest_takeover_ms(),
-            missed_scans: stretch.missed(&self.witness, |g| g.epochs.0 == g.epochs.1).scans,
+            missed_scans: stretch
+                .missed(&self.witness, |g| g.epochs.0 == g.epochs.1)
+                .scans,
             rejected,
             products: self.plant()?.products.len() as u64,
         };
@@ -80,19 +92,28 @@ impl Stage {
 
     /// Writes an assertion down.
     pub fn check(&mut self, name: &str, held: bool, seen: impl Into<String>) {
-        let check = Check { name: name.to_owned(), held, seen: seen.into() };
+        let check = Check {
+            name: name.to_owned(),
+            held,
+            seen: seen.into(),
+        };
         self.display.checked(&check);
         self.checks.push(check);
     }
 
     /// The plant's account.
     pub fn plant(&self) -> Result<PlantStatus> {
-        self.eye.block_on(self.plant.status()).context("the plant does not answer on its status port")
+        self.eye
+            .block_on(self.plant.status())
+            .context("the plant does not answer on its status port")
     }
 
     /// Frames rejected by the gateway, in all.
     pub fn rejected(&self) -> u64 {
-        self.eye.seen().status().map_or(0, |s| s.mcs.iter().map(|m| m.rejected).sum())
+        self.eye
+            .seen()
+            .status()
+            .map_or(0, |s| s.mcs.iter().map(|m| m.rejected).sum())
     }
 
     /// Waits until every MC is driven by one of the controllers, and returns who drives what.
@@ -104,7 +125,8 @@ impl Stage {
                 .map(|mc| {
                     let a = seen.newest.get(mc)?;
                     let by = a.owner.controller.as_str();
-                    (a.at_us > since_us && controllers.contains(&by)).then(|| (mc.clone(), by.to_owned()))
+                    (a.at_us > since_us && controllers.contains(&by))
+                        .then(|| (mc.clone(), by.to_owned()))
                 })
                 .collect()
         })
@@ -113,16 +135,35 @@ impl Stage {
     /// MCs that a controller drives now.
     pub fn driven_by(&self, controller: &str) -> Vec<McId> {
         let seen = self.eye.seen();
-        seen.newest.values().filter(|a| a.owner.controller.as_str() == controller).map(|a| a.mc.clone()).collect()
+        seen.newest
+            .values()
+            .filter(|a| a.owner.controller.as_str() == controller)
+            .map(|a| a.mc.clone())
+            .collect()
     }
 
     /// Waits until a plan made after event `after` is done, and at least one MC is driven by the controller.
     pub fn wait_balanced(&self, controller: &str, after: u64) -> Result<(PlanId, String)> {
-        self.eye.wait(&format!("a work-balance plan that gives {controller} its share"), WAIT, |seen| {
-            let plan = seen.events.iter().filter(|e| e.seq > after && e.kind == EventKind::PlanDone).find_map(|e| e.plan)?;
-            let why = seen.events.iter().find(|e| e.kind == EventKind::PlanDecided && e.plan == Some(plan)).map(|e| e.text.clone())?;
-            seen.newest.values().any(|a| a.owner.controller.as_str() == controller).then_some((plan, why))
-        })
+        self.eye.wait(
+            &format!("a work-balance plan that gives {controller} its share"),
+            WAIT,
+            |seen| {
+                let plan = seen
+                    .events
+                    .iter()
+                    .filter(|e| e.seq > after && e.kind == EventKind::PlanDone)
+                    .find_map(|e| e.plan)?;
+                let why = seen
+                    .events
+                    .iter()
+                    .find(|e| e.kind == EventKind::PlanDecided && e.plan == Some(plan))
+                    .map(|e| e.text.clone())?;
+                seen.newest
+                    .values()
+                    .any(|a| a.owner.controller.as_str() == controller)
+                    .then_some((plan, why))
+            },
+        )
     }
 
     /// Position in the event history.
@@ -140,7 +181,9 @@ impl Stage {
                 return Ok(());
             }
             if std::time::Instant::now() > deadline {
-                bail!("production does not go on: {have} sets finished, waited {WAIT:?} for {goal}");
+                bail!(
+                    "production does not go on: {have} sets finished, waited {WAIT:?} for {goal}"
+                );
             }
             self.pause(Duration::from_millis(100));
         }

@@ -13,7 +13,11 @@ use std::time::Duration;
 pub const STEPS: u64 = 10;
 
 fn names(mcs: &[McId]) -> String {
-    if mcs.is_empty() { "nothing".to_owned() } else { mcs.iter().map(McId::as_str).collect::<Vec<_>>().join(", ") }
+    if mcs.is_empty() {
+        "nothing".to_owned()
+    } else {
+        mcs.iter().map(McId::as_str).collect::<Vec<_>>().join(", ")
+    }
 }
 
 /// Plays the whole story. Errors end it; checks that fail do not.
@@ -35,31 +39,57 @@ pub fn play(s: &mut Stage) -> Result<()> {
 }
 
 fn alone(s: &mut Stage) -> Result<()> {
-    s.step("Controller 1 alone", "controller1 starts and takes all MCs", |s| {
-        s.cell.start_node("controller1")?;
-        let driven = s.wait_driven("controller1 drives all MCs", &["controller1"])?;
-        s.produce(1)?;
-        Ok(format!("controller1 starts with all {} MCs active; the first set is finished", driven.len()))
-    })?;
+    s.step(
+        "Controller 1 alone",
+        "controller1 starts and takes all MCs",
+        |s| {
+            s.cell.start_node("controller1")?;
+            let driven = s.wait_driven("controller1 drives all MCs", &["controller1"])?;
+            s.produce(1)?;
+            Ok(format!(
+                "controller1 starts with all {} MCs active; the first set is finished",
+                driven.len()
+            ))
+        },
+    )?;
     Ok(())
 }
 
 fn join(s: &mut Stage, controller: &'static str) -> Result<()> {
-    let factor = s.model.controllers.iter().find(|c| c.controller.as_str() == controller).map_or(1000, |c| c.cpu_factor_permille);
+    let factor = s
+        .model
+        .controllers
+        .iter()
+        .find(|c| c.controller.as_str() == controller)
+        .map_or(1000, |c| c.cpu_factor_permille);
     let mut moved = Vec::new();
-    let stretch = s.step(&format!("{controller} joins"), &format!("{controller} joins and work is balanced"), |s| {
-        let after = s.last_event();
-        s.cell.start_node(controller)?;
-        let (plan, why) = s.wait_balanced(controller, after)?;
-        moved = s.driven_by(controller);
-        Ok(format!("CPU factor {:.1}; plan {plan}: {why}; it drives {}", f64::from(factor) / 1000.0, names(&moved)))
-    })?;
-    s.check(&format!("{controller} gets its share of the work"), !moved.is_empty(), names(&moved));
+    let stretch = s.step(
+        &format!("{controller} joins"),
+        &format!("{controller} joins and work is balanced"),
+        |s| {
+            let after = s.last_event();
+            s.cell.start_node(controller)?;
+            let (plan, why) = s.wait_balanced(controller, after)?;
+            moved = s.driven_by(controller);
+            Ok(format!(
+                "CPU factor {:.1}; plan {plan}: {why}; it drives {}",
+                f64::from(factor) / 1000.0,
+                names(&moved)
+            ))
+        },
+    )?;
+    s.check(
+        &format!("{controller} gets its share of the work"),
+        !moved.is_empty(),
+        names(&moved),
+    );
     planned_gaps(s, controller, &stretch);
     let after = s.eye.seen().workloads();
     let loads: BTreeMap<&str, f64> = after.iter().map(|(c, p)| (c.as_str(), *p)).collect();
     let peak = loads.values().copied().fold(0.0, f64::max);
-    let before = s.steps.last().map_or(0.0, |step| step.before.iter().map(|(_, p)| *p).fold(0.0, f64::max));
+    let before = s.steps.last().map_or(0.0, |step| {
+        step.before.iter().map(|(_, p)| *p).fold(0.0, f64::max)
+    });
     s.check(
         &format!("the highest workload falls when {controller} joins"),
         peak < before,
@@ -71,18 +101,34 @@ fn join(s: &mut Stage, controller: &'static str) -> Result<()> {
 /// In a planned move no MC misses a scan: no gap of two cycles or more, the machine's own stalls apart.
 fn planned_gaps(s: &mut Stage, what: &str, stretch: &Stretch) {
     let missed = stretch.missed(&s.witness, |g| g.epochs.0 != g.epochs.1);
-    s.check(&format!("no MC misses a scan while it is moved ({what})"), missed.scans == 0, missed.to_string());
+    s.check(
+        &format!("no MC misses a scan while it is moved ({what})"),
+        missed.scans == 0,
+        missed.to_string(),
+    );
 }
 
 fn crash(s: &mut Stage, controller: &'static str) -> Result<()> {
     let mut orphans = Vec::new();
-    let stretch = s.step(&format!("{controller} is killed"), &format!("SIGKILL to {controller}"), |s| {
-        orphans = s.driven_by(controller);
-        s.cell.kill_node(controller)?;
-        s.wait_driven("controller1 drives all MCs", &["controller1"])?;
-        Ok(format!("{} go on at controller1 from the state applied last", names(&orphans)))
-    })?;
-    unbroken(s, &format!("after the crash of {controller}"), &orphans, &stretch);
+    let stretch = s.step(
+        &format!("{controller} is killed"),
+        &format!("SIGKILL to {controller}"),
+        |s| {
+            orphans = s.driven_by(controller);
+            s.cell.kill_node(controller)?;
+            s.wait_driven("controller1 drives all MCs", &["controller1"])?;
+            Ok(format!(
+                "{} go on at controller1 from the state applied last",
+                names(&orphans)
+            ))
+        },
+    )?;
+    unbroken(
+        s,
+        &format!("after the crash of {controller}"),
+        &orphans,
+        &stretch,
+    );
     s.produce(1)
 }
 
@@ -94,8 +140,16 @@ fn unbroken(s: &mut Stage, when: &str, mcs: &[McId], stretch: &Stretch) {
         .filter(|t| mcs.contains(&t.mc) && t.scans_behind > 0)
         .map(|t| format!("{} is {} scan(s) behind", t.mc, t.scans_behind))
         .collect();
-    let seen = if broken.is_empty() { format!("checked for {}", names(mcs)) } else { broken.join("; ") };
-    s.check(&format!("the first scan follows the last applied one {when}"), broken.is_empty(), seen);
+    let seen = if broken.is_empty() {
+        format!("checked for {}", names(mcs))
+    } else {
+        broken.join("; ")
+    };
+    s.check(
+        &format!("the first scan follows the last applied one {when}"),
+        broken.is_empty(),
+        seen,
+    );
 }
 
 /// A freeze leaves a late frame only if it hits the controller between the beginning of a scan and the frame's departure:
@@ -110,34 +164,64 @@ fn freeze(s: &mut Stage, controller: &'static str) -> Result<()> {
     let mut orphans = Vec::new();
     let mut late = 0;
     for attempt in 1..=FREEZES_MAX {
-        let again = if attempt == 1 { String::new() } else { format!(" ({attempt}. time)") };
-        s.eye.wait(&format!("{controller} drives something"), WAIT, |seen| seen.newest.values().any(|a| a.owner.controller.as_str() == controller).then_some(()))?;
-        let stretch = s.step(&format!("{controller} is frozen{again}"), &format!("SIGSTOP to {controller}"), |s| {
-            orphans = s.driven_by(controller);
-            aim(s, controller);
-            s.cell.signal_node(controller, Signal::SIGSTOP)?;
-            s.wait_driven("controller1 drives all MCs", &["controller1"])?;
-            Ok(format!("{} taken over by controller1", names(&orphans)))
-        })?;
-        unbroken(s, &format!("after the freeze of {controller}"), &orphans, &stretch);
+        let again = if attempt == 1 {
+            String::new()
+        } else {
+            format!(" ({attempt}. time)")
+        };
+        s.eye
+            .wait(&format!("{controller} drives something"), WAIT, |seen| {
+                seen.newest
+                    .values()
+                    .any(|a| a.owner.controller.as_str() == controller)
+                    .then_some(())
+            })?;
+        let stretch = s.step(
+            &format!("{controller} is frozen{again}"),
+            &format!("SIGSTOP to {controller}"),
+            |s| {
+                orphans = s.driven_by(controller);
+                aim(s, controller);
+                s.cell.signal_node(controller, Signal::SIGSTOP)?;
+                s.wait_driven("controller1 drives all MCs", &["controller1"])?;
+                Ok(format!("{} taken over by controller1", names(&orphans)))
+            },
+        )?;
+        unbroken(
+            s,
+            &format!("after the freeze of {controller}"),
+            &orphans,
+            &stretch,
+        );
         let before = s.rejected();
-        s.step(&format!("{controller} is resumed{again}"), &format!("SIGCONT to {controller}"), |s| {
-            s.cell.signal_node(controller, Signal::SIGCONT)?;
-            let rejected = s.eye.wait("late frames", LATE_WITHIN, |seen| {
-                let now: u64 = seen.status()?.mcs.iter().map(|m| m.rejected).sum();
-                (now > before).then_some(now - before)
-            });
-            late += rejected.as_ref().copied().unwrap_or(0);
-            Ok(match rejected {
-                Ok(n) => format!("{n} late frame(s) rejected by the fence"),
-                Err(_) => "it was not frozen in the middle of a scan and has sent no late frame".to_owned(),
-            })
-        })?;
+        s.step(
+            &format!("{controller} is resumed{again}"),
+            &format!("SIGCONT to {controller}"),
+            |s| {
+                s.cell.signal_node(controller, Signal::SIGCONT)?;
+                let rejected = s.eye.wait("late frames", LATE_WITHIN, |seen| {
+                    let now: u64 = seen.status()?.mcs.iter().map(|m| m.rejected).sum();
+                    (now > before).then_some(now - before)
+                });
+                late += rejected.as_ref().copied().unwrap_or(0);
+                Ok(match rejected {
+                    Ok(n) => format!("{n} late frame(s) rejected by the fence"),
+                    Err(_) => {
+                        "it was not frozen in the middle of a scan and has sent no late frame"
+                            .to_owned()
+                    }
+                })
+            },
+        )?;
         if late > 0 {
             break;
         }
     }
-    s.check("late frames of a resumed controller are rejected", late > 0, format!("{late} rejected"));
+    s.check(
+        "late frames of a resumed controller are rejected",
+        late > 0,
+        format!("{late} rejected"),
+    );
     Ok(())
 }
 
@@ -145,9 +229,15 @@ fn freeze(s: &mut Stage, controller: &'static str) -> Result<()> {
 fn aim(s: &Stage, controller: &str) {
     let target = {
         let seen = s.eye.seen();
-        seen.newest.values().filter(|a| a.owner.controller.as_str() == controller).map(|a| (a.at_us, s.cycles_us.get(&a.mc).copied().unwrap_or(5_000))).max()
+        seen.newest
+            .values()
+            .filter(|a| a.owner.controller.as_str() == controller)
+            .map(|a| (a.at_us, s.cycles_us.get(&a.mc).copied().unwrap_or(5_000)))
+            .max()
     };
-    let Some((at_us, cycle_us)) = target else { return };
+    let Some((at_us, cycle_us)) = target else {
+        return;
+    };
     let mut due = at_us - MID_SCAN_US;
     while due < monotonic_us() + MID_SCAN_US {
         due += cycle_us;
@@ -158,67 +248,143 @@ fn aim(s: &Stage, controller: &str) {
 }
 
 fn drain(s: &mut Stage, controller: &'static str) -> Result<()> {
-    let stretch = s.step(&format!("{controller} is drained"), &format!("fam drain {controller}"), |s| {
-        let words = s.eye.command(CommandKind::Drain(ControllerId::new(controller)?))?;
-        let empty = s.eye.wait("no frame of the drained controller", Duration::from_secs(1), |seen| {
-            seen.newest.values().all(|a| a.owner.controller.as_str() != controller).then_some(())
-        });
-        s.check("a drained controller drives nothing", empty.is_ok(), names(&s.driven_by(controller)));
-        s.cell.stop_node(controller)?;
-        Ok(format!("{words}; its node ended cleanly on SIGTERM"))
-    })?;
+    let stretch = s.step(
+        &format!("{controller} is drained"),
+        &format!("fam drain {controller}"),
+        |s| {
+            let words = s
+                .eye
+                .command(CommandKind::Drain(ControllerId::new(controller)?))?;
+            let empty = s.eye.wait(
+                "no frame of the drained controller",
+                Duration::from_secs(1),
+                |seen| {
+                    seen.newest
+                        .values()
+                        .all(|a| a.owner.controller.as_str() != controller)
+                        .then_some(())
+                },
+            );
+            s.check(
+                "a drained controller drives nothing",
+                empty.is_ok(),
+                names(&s.driven_by(controller)),
+            );
+            s.cell.stop_node(controller)?;
+            Ok(format!("{words}; its node ended cleanly on SIGTERM"))
+        },
+    )?;
     planned_gaps(s, &format!("drain of {controller}"), &stretch);
     s.produce(1)
 }
 
 fn manager_restart(s: &mut Stage) -> Result<()> {
     let owners = s.eye.seen().newest.clone();
-    let stretch = s.step("The manager is killed and started again", "SIGKILL to the manager", |s| {
-        s.cell.kill_manager()?;
-        s.pause(Duration::from_millis(1_500));
-        let after = s.last_event();
-        s.cell.start_manager()?;
-        s.eye.wait("the manager is back and knows all controllers", WAIT, |seen| {
-            let back = seen.events.iter().any(|e| e.seq > after && e.kind == EventKind::ManagerStarted);
-            let up = seen.status()?.controllers.iter().filter(|c| c.up).count();
-            (back && up >= 2).then_some(())
-        })?;
-        Ok("1.5 s without a manager; the plant goes on".to_owned())
-    })?;
+    let stretch = s.step(
+        "The manager is killed and started again",
+        "SIGKILL to the manager",
+        |s| {
+            s.cell.kill_manager()?;
+            s.pause(Duration::from_millis(1_500));
+            let after = s.last_event();
+            s.cell.start_manager()?;
+            s.eye.wait(
+                "the manager is back and knows all controllers",
+                WAIT,
+                |seen| {
+                    let back = seen
+                        .events
+                        .iter()
+                        .any(|e| e.seq > after && e.kind == EventKind::ManagerStarted);
+                    let up = seen.status()?.controllers.iter().filter(|c| c.up).count();
+                    (back && up >= 2).then_some(())
+                },
+            )?;
+            Ok("1.5 s without a manager; the plant goes on".to_owned())
+        },
+    )?;
     let missed = stretch.missed(&s.witness, |_| true);
-    s.check("no scan is missed without a manager", missed.scans == 0, missed.to_string());
+    s.check(
+        "no scan is missed without a manager",
+        missed.scans == 0,
+        missed.to_string(),
+    );
     let changed: Vec<McId> = {
         let seen = s.eye.seen();
-        seen.newest.values().filter(|a| owners.get(&a.mc).is_some_and(|o| o.epoch != a.epoch)).map(|a| a.mc.clone()).collect()
+        seen.newest
+            .values()
+            .filter(|a| owners.get(&a.mc).is_some_and(|o| o.epoch != a.epoch))
+            .map(|a| a.mc.clone())
+            .collect()
     };
-    s.check("the manager takes the plant as it finds it", changed.is_empty(), format!("MCs with a new epoch: {}", names(&changed)));
+    s.check(
+        "the manager takes the plant as it finds it",
+        changed.is_empty(),
+        format!("MCs with a new epoch: {}", names(&changed)),
+    );
     Ok(())
 }
 
 fn gateway_restart(s: &mut Stage) -> Result<()> {
     let mut recovered = Vec::new();
     let mcs: Vec<McId> = s.model.mcs.iter().map(|m| m.mc.clone()).collect();
-    let stretch = s.step("The gateway is killed and started again", "SIGKILL to the gateway", |s| {
-        let after = s.last_event();
-        s.cell.kill_gateway()?;
-        s.pause(Duration::from_millis(500));
-        s.cell.start_gateway()?;
-        let controllers: Vec<String> = s.model.controllers.iter().map(|c| c.controller.to_string()).collect();
-        let controllers: Vec<&str> = controllers.iter().map(String::as_str).collect();
-        s.wait_driven("all MCs are active again, each from its record", &controllers)?;
-        s.settle()?;
-        recovered = s.eye.seen().events.iter().filter(|e| e.seq > after && e.kind == EventKind::McRecovering).map(|e| e.text.clone()).collect();
-        let text = if recovered.is_empty() { "no MC was in a critical interval".to_owned() } else { recovered.join("; ") };
-        Ok(format!("the cell comes back from its records; {text}"))
-    })?;
+    let stretch = s.step(
+        "The gateway is killed and started again",
+        "SIGKILL to the gateway",
+        |s| {
+            let after = s.last_event();
+            s.cell.kill_gateway()?;
+            s.pause(Duration::from_millis(500));
+            s.cell.start_gateway()?;
+            let controllers: Vec<String> = s
+                .model
+                .controllers
+                .iter()
+                .map(|c| c.controller.to_string())
+                .collect();
+            let controllers: Vec<&str> = controllers.iter().map(String::as_str).collect();
+            s.wait_driven(
+                "all MCs are active again, each from its record",
+                &controllers,
+            )?;
+            s.settle()?;
+            recovered = s
+                .eye
+                .seen()
+                .events
+                .iter()
+                .filter(|e| e.seq > after && e.kind == EventKind::McRecovering)
+                .map(|e| e.text.clone())
+                .collect();
+            let text = if recovered.is_empty() {
+                "no MC was in a critical interval".to_owned()
+            } else {
+                recovered.join("; ")
+            };
+            Ok(format!("the cell comes back from its records; {text}"))
+        },
+    )?;
     // The journal of a killed gateway ends a tick early: a base beyond its end is one that the observer has not seen.
     let broken: Vec<String> = stretch
         .takeovers
         .iter()
         .filter(|t| t.base_scan < t.last_scan)
-        .map(|t| format!("{} goes on from scan {}, scan {} was applied", t.mc, t.base_scan, t.last_scan))
+        .map(|t| {
+            format!(
+                "{} goes on from scan {}, scan {} was applied",
+                t.mc, t.base_scan, t.last_scan
+            )
+        })
         .collect();
-    let seen = if broken.is_empty() { format!("checked for {}", names(&mcs)) } else { broken.join("; ") };
-    s.check("no applied scan is lost with the gateway", broken.is_empty() && stretch.takeovers.len() >= mcs.len(), seen);
+    let seen = if broken.is_empty() {
+        format!("checked for {}", names(&mcs))
+    } else {
+        broken.join("; ")
+    };
+    s.check(
+        "no applied scan is lost with the gateway",
+        broken.is_empty() && stretch.takeovers.len() >= mcs.len(),
+        seen,
+    );
     s.produce(1)
 }

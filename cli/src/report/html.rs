@@ -30,12 +30,19 @@ details summary{cursor:pointer;color:var(--soft)}
 ";
 
 pub fn page(r: &Report, plot: &str) -> String {
-    let (word, class) = if r.passed { ("All checks held", "good") } else { ("Some checks failed", "bad") };
+    let (word, class) = if r.passed {
+        ("All checks held", "good")
+    } else {
+        ("Some checks failed", "bad")
+    };
     let controllers = r.controllers();
     let figures: String = [
         (r.totals.products, "products finished"),
         (r.totals.incidents, "incidents at the plant"),
-        (r.totals.parts_lost + r.totals.parts_damaged, "parts lost or damaged"),
+        (
+            r.totals.parts_lost + r.totals.parts_damaged,
+            "parts lost or damaged",
+        ),
         (r.totals.double_driven_scans, "double-driven scans"),
         (r.totals.frames_rejected, "frames rejected by the fence"),
         (r.totals.frames_applied, "frames applied"),
@@ -43,13 +50,26 @@ pub fn page(r: &Report, plot: &str) -> String {
     .iter()
     .map(|(n, what)| format!("<div class=figure><b>{n}</b><span>{what}</span></div>"))
     .collect();
-    let steps: String = r.steps.iter().enumerate().map(|(n, s)| step_row(n + 1, s, &controllers)).collect();
+    let steps: String = r
+        .steps
+        .iter()
+        .enumerate()
+        .map(|(n, s)| step_row(n + 1, s, &controllers))
+        .collect();
     let checks: String = r
         .checks
         .iter()
         .map(|c| {
-            let (class, word) = if c.held { ("good", "held") } else { ("bad", "FAILED") };
-            format!("<tr><td class={class}>{word}</td><td>{}</td><td>{}</td></tr>", escape(&c.name), escape(&c.seen))
+            let (class, word) = if c.held {
+                ("good", "held")
+            } else {
+                ("bad", "FAILED")
+            };
+            format!(
+                "<tr><td class={class}>{word}</td><td>{}</td><td>{}</td></tr>",
+                escape(&c.name),
+                escape(&c.seen)
+            )
         })
         .collect();
     let events: String = r
@@ -97,7 +117,10 @@ fn step_row(n: usize, s: &Step, controllers: &[String]) -> String {
             .iter()
             .map(|(c, percent)| {
                 let colour = colour_of(controllers.iter().position(|x| x == c).unwrap_or(0));
-                format!("<span class=dot style='background:{colour}'></span>{} {percent:.0}<br>", escape(c))
+                format!(
+                    "<span class=dot style='background:{colour}'></span>{} {percent:.0}<br>",
+                    escape(c)
+                )
             })
             .collect()
     };
@@ -116,5 +139,9 @@ fn step_row(n: usize, s: &Step, controllers: &[String]) -> String {
 }
 
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('\'', "&#39;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('\'', "&#39;")
+        .replace('"', "&quot;")
 }

@@ -135,7 +135,8 @@ pub struct Entry {
 /// # Errors
 /// If the folder cannot be written, with its name.
 pub fn write(report: &Report, dir: &Path) -> Result<()> {
-    std::fs::create_dir_all(dir).with_context(|| format!("cannot make the report folder {}", dir.display()))?;
+    std::fs::create_dir_all(dir)
+        .with_context(|| format!("cannot make the report folder {}", dir.display()))?;
     let put = |name: &str, text: String| {
         let path = dir.join(name);
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
@@ -143,16 +144,27 @@ pub fn write(report: &Report, dir: &Path) -> Result<()> {
     let plot = workload_svg(report)?;
     put("report.html", html::page(report, &plot))?;
     put("workload.svg", plot)?;
-    put("timeline.json", serde_json::to_string_pretty(report)? + "\n")?;
+    put(
+        "timeline.json",
+        serde_json::to_string_pretty(report)? + "\n",
+    )?;
     put("metrics.csv", csv(report))
 }
 
 fn csv(report: &Report) -> String {
-    let mut text = String::from("at_s,controller,up,workload_percent,active_mcs,process_cpu_percent,process_memory_mb\n");
+    let mut text = String::from(
+        "at_s,controller,up,workload_percent,active_mcs,process_cpu_percent,process_memory_mb\n",
+    );
     for s in &report.samples {
         text += &format!(
             "{:.3},{},{},{:.1},{},{:.1},{:.1}\n",
-            s.at_s, s.controller, u8::from(s.up), s.workload_percent, s.active, s.process_cpu_percent, s.process_memory_mb
+            s.at_s,
+            s.controller,
+            u8::from(s.up),
+            s.workload_percent,
+            s.active,
+            s.process_cpu_percent,
+            s.process_memory_mb
         );
     }
     text

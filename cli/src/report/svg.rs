@@ -5,8 +5,14 @@ use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-const COLOURS: [RGBColor; 6] =
-    [RGBColor(0, 114, 178), RGBColor(213, 94, 0), RGBColor(0, 158, 115), RGBColor(204, 121, 167), RGBColor(230, 159, 0), RGBColor(86, 180, 233)];
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+];
 const INK: RGBColor = RGBColor(51, 56, 64);
 const GRID: RGBColor = RGBColor(226, 230, 235);
 
@@ -28,7 +34,12 @@ pub fn workload_svg(report: &Report) -> Result<String> {
 
 fn draw(report: &Report, text: &mut String) -> Result<(), Box<dyn std::error::Error>> {
     let end_s = report.seconds.max(1.0);
-    let top = report.samples.iter().map(|s| s.workload_percent).fold(110.0_f64, f64::max) * 1.05;
+    let top = report
+        .samples
+        .iter()
+        .map(|s| s.workload_percent)
+        .fold(110.0_f64, f64::max)
+        * 1.05;
     let root = SVGBackend::with_string(text, (1080, 460)).into_drawing_area();
     root.fill(&WHITE)?;
     let (head, body) = root.split_vertically(44);
@@ -49,30 +60,53 @@ fn draw(report: &Report, text: &mut String) -> Result<(), Box<dyn std::error::Er
         .label_style(("sans-serif", 13).into_font().color(&INK))
         .draw()?;
     // The limit.
-    chart.draw_series(DashedLineSeries::new(vec![(0.0, 100.0), (end_s, 100.0)], 6, 4, RGBColor(176, 32, 32).stroke_width(1)))?;
+    chart.draw_series(DashedLineSeries::new(
+        vec![(0.0, 100.0), (end_s, 100.0)],
+        6,
+        4,
+        RGBColor(176, 32, 32).stroke_width(1),
+    ))?;
     // What was done, numbered as in the table.
     for (n, step) in report.steps.iter().enumerate() {
-        chart.draw_series(DashedLineSeries::new(vec![(step.at_s, 0.0), (step.at_s, top)], 2, 3, RGBColor(140, 146, 156).stroke_width(1)))?;
+        chart.draw_series(DashedLineSeries::new(
+            vec![(step.at_s, 0.0), (step.at_s, top)],
+            2,
+            3,
+            RGBColor(140, 146, 156).stroke_width(1),
+        ))?;
         let at = chart.backend_coord(&(step.at_s, top));
-        let shift = if n > 0 && step.at_s - report.steps[n - 1].at_s < end_s * 0.018 { 14 } else { 0 };
+        let shift = if n > 0 && step.at_s - report.steps[n - 1].at_s < end_s * 0.018 {
+            14
+        } else {
+            0
+        };
         root.draw(&Circle::new((at.0, at.1 - 12 - shift), 9, INK.filled()))?;
         root.draw(&Text::new(
             (n + 1).to_string(),
             (at.0, at.1 - 12 - shift),
-            ("sans-serif", 12).into_font().color(&WHITE).pos(Pos::new(HPos::Center, VPos::Center)),
+            ("sans-serif", 12)
+                .into_font()
+                .color(&WHITE)
+                .pos(Pos::new(HPos::Center, VPos::Center)),
         ))?;
     }
     let mut x = 64;
     for (n, controller) in report.controllers().iter().enumerate() {
         let colour = COLOURS[n % COLOURS.len()];
         for run in runs(report, controller) {
-            chart.draw_series(std::iter::once(PathElement::new(run, colour.stroke_width(2))))?;
+            chart.draw_series(std::iter::once(PathElement::new(
+                run,
+                colour.stroke_width(2),
+            )))?;
         }
         head.draw(&Rectangle::new([(x, 17), (x + 22, 22)], colour.filled()))?;
         head.draw(&Text::new(
             controller.clone(),
             (x + 28, 20),
-            ("sans-serif", 14).into_font().color(&INK).pos(Pos::new(HPos::Left, VPos::Center)),
+            ("sans-serif", 14)
+                .into_font()
+                .color(&INK)
+                .pos(Pos::new(HPos::Left, VPos::Center)),
         ))?;
         x += 48 + 8 * i32::try_from(controller.len()).unwrap_or(10);
     }

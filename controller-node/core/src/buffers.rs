@@ -83,7 +83,10 @@ mod tests {
             .collect();
         assert_eq!(pool.fill(&[9, 9], &[9]), None);
         for (n, buffer) in held.iter().enumerate() {
-            assert_eq!((buffer.state(), buffer.outputs()), (&[n as u8, 1][..], &[2][..]));
+            assert_eq!(
+                (buffer.state(), buffer.outputs()),
+                (&[n as u8, 1][..], &[2][..])
+            );
         }
         drop(held);
         assert!(pool.fill(&[9, 9], &[9]).is_some());

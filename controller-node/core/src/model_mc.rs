@@ -71,7 +71,13 @@ impl ModelMc {
 
     /// What a node knows of it.
     #[must_use]
-    pub fn spec(index: usize, mc: McId, gateway: GatewayId, cycle_us: u32, padding: usize) -> McSpec {
+    pub fn spec(
+        index: usize,
+        mc: McId,
+        gateway: GatewayId,
+        cycle_us: u32,
+        padding: usize,
+    ) -> McSpec {
         let initial = vec![0; STATE + STATE_BYTES + padding];
         McSpec {
             index,

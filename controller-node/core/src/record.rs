@@ -59,9 +59,7 @@ pub(crate) fn judge(
         return Verdict::Deposed(format!("epoch {epoch} is on record for {}", other()));
     }
     match (&record.state, last_word) {
-        (RecordState::Open, _) => {
-            Verdict::Drives(record.head.filter(|head| head.epoch == epoch))
-        }
+        (RecordState::Open, _) => Verdict::Drives(record.head.filter(|head| head.epoch == epoch)),
         (RecordState::Never, _) => Verdict::Late,
         (RecordState::Released(to), LastWord::Released(ours)) if to == ours => {
             Verdict::Acknowledged
@@ -111,7 +109,13 @@ mod tests {
             (5, me.clone(), S::Open, L::Released(&to), "drives"),
             (5, owner("a", 1), S::Open, L::None, deposed),
             (5, to.owner.clone(), S::Open, L::None, deposed),
-            (5, me.clone(), S::Released(to.clone()), L::Released(&to), "acknowledged"),
+            (
+                5,
+                me.clone(),
+                S::Released(to.clone()),
+                L::Released(&to),
+                "acknowledged",
+            ),
             (5, me.clone(), S::Released(to.clone()), L::None, deposed),
             (5, me.clone(), S::Closed, L::None, deposed),
             (5, me.clone(), S::Closed, L::Released(&to), deposed),
@@ -119,7 +123,13 @@ mod tests {
             (5, me.clone(), S::Stopped, L::Stopped, "acknowledged"),
             (5, me.clone(), S::Stopped, L::None, deposed),
             (5, me.clone(), S::Faulted(trap), L::None, deposed),
-            (6, to.owner.clone(), S::Open, L::Released(&to), "acknowledged"),
+            (
+                6,
+                to.owner.clone(),
+                S::Open,
+                L::Released(&to),
+                "acknowledged",
+            ),
             (6, owner("c", 1), S::Open, L::Released(&to), deposed),
             (7, to.owner.clone(), S::Open, L::Released(&to), deposed),
             (6, to.owner.clone(), S::Open, L::None, deposed),

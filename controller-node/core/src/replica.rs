@@ -231,7 +231,8 @@ impl<R: McRuntime> Replica<R> {
         }
     }
 
-    /// The scan thread gives the instance back.
+    /// The scan thread gives the instance back, boxed as it came over its queue.
+    #[allow(clippy::boxed_local)]
     pub fn returned(&mut self, active: Box<ActiveMc<R>>) -> ReplicaOutcome<R> {
         let ActiveMc {
             mut runtime,
@@ -387,14 +388,11 @@ impl<R: McRuntime> Replica<R> {
             StateSource::Given(checkpoint) => checkpoint.as_ref(),
             StateSource::Held(id) => {
                 let held = self.ring.iter().find(|c| c.id == *id);
-                held.ok_or_else(|| {
-                    format!("the checkpoint of scan {} is held no more", id.scan)
-                })?
+                held.ok_or_else(|| format!("the checkpoint of scan {} is held no more", id.scan))?
             }
         };
-        let fits = |layout: LayoutHash, len| {
-            layout == self.spec.layout && len == self.spec.initial.len()
-        };
+        let fits =
+            |layout: LayoutHash, len| layout == self.spec.layout && len == self.spec.initial.len();
         if !fits(checkpoint.layout, checkpoint.state.len()) {
             return Err(
                 "the checkpoint has another layout; generate all projects from one model"

@@ -98,12 +98,7 @@ impl<R: McRuntime> ScanCore<R> {
     }
 
     /// Carries out a command; between ticks.
-    pub fn command(
-        &mut self,
-        command: ScanCommand<R>,
-        now: Now,
-        host: &mut impl ScanHost<R>,
-    ) {
+    pub fn command(&mut self, command: ScanCommand<R>, now: Now, host: &mut impl ScanHost<R>) {
         match command {
             ScanCommand::Activate(mut active) => {
                 let (index, epoch) = (active.spec.index, active.epoch);
@@ -122,13 +117,7 @@ impl<R: McRuntime> ScanCore<R> {
         }
     }
 
-    fn act(
-        &mut self,
-        index: usize,
-        act: McAct,
-        now: Now,
-        host: &mut impl ScanHost<R>,
-    ) -> Fate {
+    fn act(&mut self, index: usize, act: McAct, now: Now, host: &mut impl ScanHost<R>) -> Fate {
         let Some(active) = self.slots.get_mut(index).and_then(Option::as_mut) else {
             return Fate::Stays;
         };
@@ -269,11 +258,7 @@ fn judged<R: McRuntime>(active: &mut ActiveMc<R>, seen: &Seen, owner: &Owner) ->
     }
 }
 
-fn overdue_release<R: McRuntime>(
-    active: &mut ActiveMc<R>,
-    now: Now,
-    host: &mut impl ScanHost<R>,
-) {
+fn overdue_release<R: McRuntime>(active: &mut ActiveMc<R>, now: Now, host: &mut impl ScanHost<R>) {
     let overdue = active.release.as_ref().is_some_and(|r| r.until <= now);
     if !overdue {
         return;

@@ -56,11 +56,7 @@ impl FrameEncoder {
     ///
     /// # Errors
     /// [`CodecError::TooLarge`] for a checkpoint that does not fit into one message.
-    pub fn encode(
-        &mut self,
-        frame: &ScannedFrame,
-        now: Now,
-    ) -> Result<EncodedFrame, CodecError> {
+    pub fn encode(&mut self, frame: &ScannedFrame, now: Now) -> Result<EncodedFrame, CodecError> {
         if self.epoch != Some(frame.epoch) {
             self.begin(frame);
         }

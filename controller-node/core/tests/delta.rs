@@ -23,7 +23,7 @@ proptest! {
             cell.now = cell.now.plus_us(TICK_US);
             let seen = cell.gateway.image();
             // a lost image only delays acknowledgements: one of the last three ticks is still fresh
-            if image || cell.now.0 % (2 * TICK_US) == 0 {
+            if image || cell.now.0.is_multiple_of(2 * TICK_US) {
                 cell.a.core.image(seen, cell.now);
             }
             cell.a.tick(cell.now);
@@ -100,10 +100,7 @@ fn a_late_replica_gets_a_whole_checkpoint_within_a_second() {
         for bytes in cell.a.sent(cell.now) {
             cell.gateway.frame(&bytes);
             let seen = late.replicas[0].frame(&bytes).unwrap();
-            assert!(matches!(
-                seen.held,
-                Ok(_) | Err(FrameRefusal::NoBase(_))
-            ));
+            assert!(matches!(seen.held, Ok(_) | Err(FrameRefusal::NoBase(_))));
         }
         ticks += 1;
         assert!(ticks <= 200, "a second has 200 ticks");

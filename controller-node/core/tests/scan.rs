@@ -81,7 +81,10 @@ fn frames_form_one_chain_over_epochs() {
         Content::Delta(head),
         "the base counts as acknowledged"
     );
-    assert_eq!(applied[11].base, None, "acknowledged in the image of its scan");
+    assert_eq!(
+        applied[11].base, None,
+        "acknowledged in the image of its scan"
+    );
     assert_eq!(applied[12].scan, Scan(13));
     assert_eq!(ModelMc::trace(&cell.head(0).state), undisturbed(13));
 }

@@ -3,7 +3,5 @@
 pub mod invariants;
 pub mod simulator;
 
-#[allow(missing_docs)]
-#[path = "../tests/fms200/mod.rs"]
 pub mod closed_loop;
 pub mod undisturbed;

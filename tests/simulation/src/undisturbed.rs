@@ -12,8 +12,15 @@ const SECONDS_A_SET: u64 = 30;
 /// If the cell does not build or stands still: then there is nothing to compare with.
 #[must_use]
 pub fn products(seed: u64, count: usize) -> Vec<Product> {
-    let config = PlantConfig { seed, ..PlantConfig::default() };
+    let config = PlantConfig {
+        seed,
+        ..PlantConfig::default()
+    };
     let mut rig = Rig::new(config, Timing::PROMPT);
-    rig.run_until("the undisturbed run finishes its sets", SECONDS_A_SET * (count as u64 + 1), |rig| rig.plant.products().len() >= count);
+    rig.run_until(
+        "the undisturbed run finishes its sets",
+        SECONDS_A_SET * (count as u64 + 1),
+        |rig| rig.plant.products().len() >= count,
+    );
     rig.plant.products()[..count].to_vec()
 }

@@ -1,12 +1,9 @@
 //! The FMS-200 cell's logic against its mechanics: what it assembles, and that interruptions of every kind, at any scan, neither harm
 //! the plant nor change the products. That restarting an MC from its initial state does harm shows that zero incidents mean something.
 
-#[path = "fms200/mod.rs"]
-mod fms200;
-
 use fam_plant_core::{Part, PlantConfig, Variant};
 use fam_proto::diagnosis::IntervalKind;
-use fms200::{Dice, Rig, Timing, cell};
+use fam_simulation::closed_loop::{self, Dice, Rig, Timing, cell};
 use std::sync::{Mutex, OnceLock};
 
 /// Products of a run when its interruptions begin: all stations are at work then.
@@ -181,7 +178,7 @@ fn the_cell_comes_back_after_an_outage_of_the_gateway() {
                 rig.tick();
             }
             (0..rig.mcs.len()).for_each(|mc| rig.kill(mc));
-            for _ in 0..fms200::WATCHDOG_TICKS - 2 {
+            for _ in 0..closed_loop::WATCHDOG_TICKS - 2 {
                 rig.tick();
             }
             (0..rig.mcs.len()).for_each(|mc| rig.take_over(mc));
@@ -208,7 +205,7 @@ fn fail_safe_values_harm_nothing() {
             };
             dead.iter().for_each(|mc| rig.kill(*mc));
             // From just after the fail-safe values have been set to long after everything has come to rest.
-            for _ in 0..fms200::WATCHDOG_TICKS + dice.roll(0, 100) {
+            for _ in 0..closed_loop::WATCHDOG_TICKS + dice.roll(0, 100) {
                 rig.tick();
             }
             dead.iter().for_each(|mc| rig.take_over(*mc));
@@ -249,7 +246,7 @@ fn each_critical_interval_is_recovered() {
             }
             rig.take_over(index);
             assert!(
-                rig.mcs[index].recoveries.contains_key(fms200::GONE_ON),
+                rig.mcs[index].recoveries.contains_key(closed_loop::GONE_ON),
                 "{context}: the recovery was not under way any more"
             );
             let recovered = rig.plant.products().len();

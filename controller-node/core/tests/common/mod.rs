@@ -3,8 +3,8 @@
 
 use fam_node_core::model_mc::{INPUTS_LEN, ModelMc, OUTPUTS_LEN};
 use fam_node_core::{
-    ActiveMc, FrameEncoder, McRuntime, McSpec, Replica, ReplicaOutcome, ScanCommand, ScanCore, ScanHost,
-    ScannedFrame,
+    ActiveMc, FrameEncoder, McRuntime, McSpec, Replica, ReplicaOutcome, ScanCommand, ScanCore,
+    ScanHost, ScannedFrame,
 };
 use fam_proto::access::{Activation, McAct, McNews, Start, StateSource};
 use fam_proto::*;
@@ -211,11 +211,15 @@ impl Gateway {
 
     pub fn image(&mut self) -> Arc<InputImage> {
         self.number += 1;
-        let inputs = self.inputs.iter().zip(&self.lines).map(|(bytes, line)| McInputs {
-            mc: line.record.mc.clone(),
-            bytes: bytes.clone(),
-            fresh: self.fresh,
-        });
+        let inputs = self
+            .inputs
+            .iter()
+            .zip(&self.lines)
+            .map(|(bytes, line)| McInputs {
+                mc: line.record.mc.clone(),
+                bytes: bytes.clone(),
+                fresh: self.fresh,
+            });
         Arc::new(InputImage {
             gateway: gateway_id(),
             boot: BootId(1),
@@ -233,10 +237,13 @@ impl Gateway {
         line.record.owner = Some(owner.clone());
         line.record.state = RecordState::Open;
         line.record.driven = false;
-        let start = line.head.clone().map_or(Start::Initial, |head| Start::From {
-            source: StateSource::Given(Arc::new(head)),
-            retained_only: false,
-        });
+        let start = line
+            .head
+            .clone()
+            .map_or(Start::Initial, |head| Start::From {
+                source: StateSource::Given(Arc::new(head)),
+                retained_only: false,
+            });
         Activation {
             epoch: line.record.epoch,
             base: line.head.as_ref().map(|h| h.id),

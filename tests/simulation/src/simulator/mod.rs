@@ -14,6 +14,7 @@ mod canary;
 mod cell;
 mod faults;
 mod gateway;
+mod lives;
 mod log;
 mod manager;
 mod network;

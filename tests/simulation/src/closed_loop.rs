@@ -35,7 +35,6 @@ pub fn cell() -> &'static Cell {
         let built = build(&path).unwrap_or_else(|problems| panic!("{problems}"));
         let engine = Engine::new(EngineOptions {
             interruption: Interruption::None,
-            ..EngineOptions::default()
         })
         .expect("an engine");
         let modules = built
