@@ -2,6 +2,7 @@
 
 #[path = "../core/tests/common/mod.rs"]
 mod common;
+mod faulty;
 
 use common::{Cell, Gateway, Node, TICK_US};
 use fam_controller_node::{HostError, host};
@@ -84,7 +85,7 @@ fn a_handover_at_any_tick_makes_no_difference_to_the_state() {
     undisturbed.activate_a(0, |_| {});
     let expected = run(&mut undisturbed, 0..60);
     let fed = running(&undisturbed.a, 0, "fed");
-    assert_eq!(fed, Value::Int(2), "two parts are through");
+    assert_eq!(fed, Value::Uint(3), "three parts are through");
 
     for ordered_at in [0, 1, 5, 9, 12, 17, 25, 30] {
         let mut cell = cell(&two_stations(), &engine);
@@ -178,7 +179,7 @@ fn the_stop_pou_ends_in_stopped_and_a_warm_reset_keeps_retained_variables() {
     let mut cell = cell(&two_stations(), &engine);
     cell.activate_a(0, |_| {});
     run(&mut cell, 0..30);
-    assert_eq!(running(&cell.a, 0, "fed"), Value::Int(1));
+    assert_eq!(running(&cell.a, 0, "fed"), Value::Uint(1));
     let stop = cell.a.replicas[0].spec().diagnosis.stop_action.unwrap();
     let act = McAct::RunAction {
         epoch: Epoch(1),
@@ -195,92 +196,14 @@ fn the_stop_pou_ends_in_stopped_and_a_warm_reset_keeps_retained_variables() {
         }
     });
     cell.tick();
-    assert_eq!(running(&cell.b, 0, "fed"), Value::Int(1));
+    assert_eq!(running(&cell.b, 0, "fed"), Value::Uint(1));
     assert_eq!(running(&cell.b, 0, "Feeder.next"), Value::Int(0));
-}
-
-/// An MC that divides by its input, and loops for ever where that is 7; and one that counts.
-fn faulty() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write(
-        "cell.toml",
-        r#"
-format = 1
-[cell]
-name = "faulty"
-tick_ms = 5
-[[gateway]]
-name = "gateway1"
-driver = "image"
-[[controller]]
-name = "controller1"
-[[controller]]
-name = "controller2"
-[[mc]]
-name = "Divider"
-logic = ["divider.st"]
-gateway = "gateway1"
-hosts = "all"
-worst_case_us = 50
-watchdog_ms = 500
-stop = "Divider_Stop"
-[mc.inputs]
-divisor = "image:divisor"
-[mc.outputs]
-quotient = { field = "image:quotient", fail_safe = 0 }
-[[mc]]
-name = "Counter"
-logic = ["counter.st"]
-gateway = "gateway1"
-hosts = "all"
-worst_case_us = 50
-watchdog_ms = 500
-[mc.outputs]
-count = { field = "image:count", fail_safe = 0 }
-"#,
-    );
-    write(
-        "divider.st",
-        "VAR_GLOBAL
-    divisor AT %IW0 : INT;
-    quotient AT %QW0 : INT;
-END_VAR
-PROGRAM Divider
-VAR_EXTERNAL divisor, quotient : INT; END_VAR
-VAR scans : DINT; END_VAR
-    scans := scans + 1;
-    WHILE divisor = 7 DO
-        scans := scans + 1;
-    END_WHILE;
-    quotient := 100 / divisor;
-END_PROGRAM
-FUNCTION_BLOCK Divider_Stop
-VAR_EXTERNAL quotient : INT; END_VAR
-VAR_OUTPUT end : BOOL; END_VAR
-    quotient := -1;
-    end := TRUE;
-END_FUNCTION_BLOCK
-",
-    );
-    write(
-        "counter.st",
-        "VAR_GLOBAL count AT %QW0 : INT; END_VAR
-PROGRAM Counter
-VAR_EXTERNAL count : INT; END_VAR
-VAR n : INT; END_VAR
-    n := n + 1;
-    count := n;
-END_PROGRAM
-",
-    );
-    folder
 }
 
 #[test]
 fn a_trap_names_pou_and_line_and_stays_in_its_mc() {
     let engine = engine();
-    let folder = faulty();
+    let folder = faulty::cell();
     let mut cell = cell(&folder.path().join("cell.toml"), &engine);
     cell.gateway.inputs[0][0] = 5;
     cell.activate_a(0, |_| {});
@@ -292,13 +215,18 @@ fn a_trap_names_pou_and_line_and_stays_in_its_mc() {
     let good = cell.head(0).clone();
     cell.a.news();
     // a scan that goes on until somebody ends it
-    for (input, line, words) in [(0u8, 12, "division by zero"), (7, 9, "endless loop")] {
+    for (input, line, words) in [
+        (0u8, 12, "division by zero"),
+        (faulty::LOOPS_FOR_EVER, 9, "endless loop"),
+    ] {
         cell.gateway.inputs[0][0] = input;
         let done = std::sync::atomic::AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 // the engine's watchdog; another scan never sees two ticks
-                while input == 7 && !done.load(std::sync::atomic::Ordering::Relaxed) {
+                while input == faulty::LOOPS_FOR_EVER
+                    && !done.load(std::sync::atomic::Ordering::Relaxed)
+                {
                     std::thread::yield_now();
                     engine.interrupt_tick();
                 }

@@ -2,6 +2,7 @@
 
 #[path = "../core/tests/common/mod.rs"]
 mod common;
+mod faulty;
 
 use common::Gateway;
 use fam_controller_node::{NodeOptions, run};
@@ -346,6 +347,66 @@ async fn a_node_registers_runs_follows_and_hands_over_before_it_ends() {
     assert!(played.has_heard(|m| {
         matches!(m, Message::Event(e) if e.text.contains("Feeder, Press could not be handed over"))
     }));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_endless_loop_is_ended_and_answered_by_the_stop_pou_while_the_other_mc_runs_on() {
+    let folder = faulty::cell();
+    let cell = folder.path().join("cell.toml");
+    let model = fam_engineering::build(&cell).unwrap().model;
+    let (mut played, connect) = Played::start(&model).await;
+    let controller = ControllerId::new("controller1").unwrap();
+    let mut options = NodeOptions::new(cell, controller.clone());
+    options.connect = connect;
+    let (end, ended) = oneshot::channel::<()>();
+    let node = tokio::spawn(run(options, async move {
+        let _ = ended.await;
+    }));
+    played
+        .until("registration", |p| {
+            p.has_heard(|m| matches!(m, Message::Register(_)))
+        })
+        .await;
+    played.fence.inputs[0][0] = 5;
+    played.activate(&controller, 0);
+    played.activate(&controller, 1);
+    played
+        .until("both run", |p| p.scan(0) > 10 && p.scan(1) > 10)
+        .await;
+    played.fence.inputs[0][0] = faulty::LOOPS_FOR_EVER;
+    played
+        .until("stopped on record", |p| {
+            p.fence.lines[0].record.state == RecordState::Stopped
+        })
+        .await;
+    let outputs = &played.fence.lines[0].outputs;
+    assert_eq!(outputs[..2], [0xff, 0xff], "the stop POU's");
+    let trap = played.told.iter().find_map(|m| match m {
+        Message::McReport(r) => match &r.outcome {
+            McOutcome::Faulted(trap) => Some(trap.to_string()),
+            _ => None,
+        },
+        _ => None,
+    });
+    let trap = trap.expect("a report of the fault");
+    assert!(
+        trap.contains("endless loop")
+            && trap.contains("in Divider, ")
+            && trap.contains("divider.st line "),
+        "{trap}"
+    );
+    let scan = played.scan(1);
+    played
+        .until("the other runs on", |p| p.scan(1) > scan + 20)
+        .await;
+    end.send(()).unwrap();
+    played
+        .until("leaving", |p| {
+            p.has_heard(|m| matches!(m, Message::Leaving))
+        })
+        .await;
+    played.until("the node ends", |_| node.is_finished()).await;
+    node.await.unwrap().unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -106,11 +106,17 @@ async fn images_and_large_frames_arrive_whole() {
     let copy = frame.clone();
     let put = std::thread::spawn(move || sender.put_frame(&mc(), copy));
     assert!(put.join().unwrap());
+    if let Err(_) = tokio::time::timeout(std::time::Duration::from_secs(5), async { while taken.is_empty() { tokio::task::yield_now().await; } }).await {
+        let mut got = Vec::new(); while let Some(e) = host_events.try_recv() { got.push(match e { LinkEvent::Frame{..} => "FRAME".to_owned(), o => format!("{o:?}") }); }
+        eprintln!("DEBUG host got {got:?}");
+        for link in [&hub, &host, &driver] { eprintln!("DEBUG {:?} {:?}", link.process(), link.debug_sessions().await); }
+        driver.sender().put_frame(&mc(), vec![1; 800_000]);
+        let again = tokio::time::timeout(std::time::Duration::from_secs(5), taken.recv()).await;
+        eprintln!("DEBUG second {again:?}");
+    }
     let mut take = async |what: &str| {
         let taken = tokio::time::timeout(SOON, taken.recv()).await;
-        taken
-            .unwrap_or_else(|_| panic!("{what} did not come"))
-            .unwrap()
+        taken.unwrap_or_else(|_| panic!("{what} did not come")).unwrap()
     };
     assert_eq!(take("the frame").await, "station1 800000 42");
     let (seen_mc, bytes) = until(&mut host_events, "the frame", |event| match event {
@@ -157,16 +163,16 @@ async fn what_does_not_read_is_counted_and_survived() {
     newer[1] = 77;
     let image_bytes = codec::encode(&image(1)).unwrap();
     let to = keys::to(&cell(), a.process());
-    let image_key = "fam/testcell/image/gw";
+    let image_key = format!("fam/{}/image/gw", cell());
     let broken: [(&str, Vec<u8>); 8] = [
         (&to, Vec::new()),
         (&to, vec![0xff; 3_000]),
         (&to, good[..good.len() - 1].to_vec()),
         (&to, newer),
         (&to, image_bytes.clone()),
-        (image_key, vec![1, 2, 3]),
-        (image_key, good.clone()),
-        (image_key, image_bytes[..image_bytes.len() - 2].to_vec()),
+        (&image_key, vec![1, 2, 3]),
+        (&image_key, good.clone()),
+        (&image_key, image_bytes[..image_bytes.len() - 2].to_vec()),
     ];
     for (key, bytes) in &broken {
         b.put_raw(key, bytes.clone());
@@ -250,7 +256,11 @@ async fn a_port_in_use_and_a_wrong_endpoint_are_named() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_endpoint_without_connection_is_known_and_tried_until_it_answers() {
-    let (at, never) = (endpoint(), endpoint());
+    // Bound, so that it is nobody else's, but never listened at.
+    let bound = tokio::net::TcpSocket::new_v4().unwrap();
+    bound.bind("127.0.0.1:0".parse().unwrap()).unwrap();
+    let never = format!("tcp/{}", bound.local_addr().unwrap());
+    let at = endpoint();
     let (b, _b_events) = Link::open(LinkOptions {
         connect: vec![at.clone(), never.clone()],
         ..options(node("c1"), 2)
@@ -278,15 +288,16 @@ async fn streams_requests_and_events() {
     let (sender, mut seen) = mpsc::unbounded_channel();
     let of_stream = sender.clone();
     let _stream = b
-        .subscribe("fam/testcell/applied/*", move |key, bytes| {
+        .subscribe(&format!("fam/{}/applied/*", cell()), move |key, bytes| {
             of_stream.send(format!("{key} {bytes:?}")).unwrap();
         })
         .unwrap();
     let _events = b
         .follow_events(move |event| sender.send(event.text).unwrap())
         .unwrap();
+    let io = format!("fam/{}/io/gw", cell());
     let _server = a
-        .serve("fam/testcell/io/gw", |asked| match asked {
+        .serve(&io, |asked| match asked {
             b"get" => Ok(b"value".to_vec()),
             other => Err(format!(
                 "unknown request `{}`",
@@ -294,8 +305,8 @@ async fn streams_requests_and_events() {
             )),
         })
         .unwrap();
-    let topic = a.topic("fam/testcell/applied/gw").unwrap();
-    let ask = |what: &'static [u8]| b.request("fam/testcell/io/gw", what.to_vec(), SOON);
+    let topic = a.topic(&format!("fam/{}/applied/gw", cell())).unwrap();
+    let ask = |what: &'static [u8]| b.request(&io, what.to_vec(), SOON);
     assert_eq!(ask(b"get").await.unwrap(), b"value");
     assert_eq!(
         ask(b"put").await.unwrap_err().to_string(),
@@ -309,18 +320,21 @@ async fn streams_requests_and_events() {
     .await
     .unwrap();
     topic.put(vec![4, 5]);
-    assert_eq!(seen.recv().await.unwrap(), "fam/testcell/applied/gw [4, 5]");
+    assert_eq!(
+        seen.recv().await.unwrap(),
+        format!("fam/{}/applied/gw [4, 5]", cell())
+    );
     a.publish_event(&Event::new(Severity::Info, EventKind::PlanDone, "done"));
     assert_eq!(seen.recv().await.unwrap(), "done");
     let nobody = b
         .request(
-            "fam/testcell/io/other",
+            &format!("{io}2"),
             Vec::new(),
             std::time::Duration::from_millis(120),
         )
         .await;
     let text = nobody.unwrap_err().to_string();
-    assert!(text.contains("fam/testcell/io/other"), "{text}");
+    assert!(text.contains("/io/gw2"), "{text}");
     a.close().await;
     b.close().await;
 }

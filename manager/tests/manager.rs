@@ -14,6 +14,7 @@ use fam_proto::{
 use fam_repository::Repository;
 use fam_repository::disk::Disk;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
@@ -23,8 +24,9 @@ const SOON: Duration = Duration::from_secs(30);
 const LAYOUT: LayoutHash = LayoutHash(7);
 const HASH: u64 = 11;
 
+/// One for each test process, so that two of them never meet.
 fn cell() -> CellId {
-    CellId::new("fake").unwrap()
+    CellId::new(&format!("fake{}", std::process::id())).unwrap()
 }
 fn station() -> McId {
     McId::new("station1").unwrap()
@@ -80,9 +82,17 @@ fn model() -> Arc<CellModel> {
     })
 }
 
+/// An endpoint of the loopback that nobody listens at, below the ports that the system gives out by itself: those may be
+/// taken by any connection in the meantime.
 fn endpoint() -> String {
-    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    format!("tcp/127.0.0.1:{}", free.local_addr().unwrap().port())
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let first = std::process::id().wrapping_mul(61);
+    loop {
+        let port = 10_000 + (first + NEXT.fetch_add(1, Ordering::Relaxed)) % 20_000;
+        if std::net::TcpListener::bind(format!("127.0.0.1:{port}")).is_ok() {
+            return format!("tcp/127.0.0.1:{port}");
+        }
+    }
 }
 
 /// A task that is ended with the test.

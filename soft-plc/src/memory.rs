@@ -2,6 +2,7 @@
 //!
 //! - A scalar takes a cell of 4 bytes; LINT, ULINT, LWORD, LREAL and TIME take 8 bytes at an 8-byte boundary. Integers in a
 //!   cell are sign-extended or zero-extended to it; BOOL is 0 or 1; TIME is signed 64-bit nanoseconds. Little-endian.
+//!   A NaN in memory is the canonical one (16#7FC0_0000, 16#7FF8_0000_0000_0000), so that equal states have equal bytes.
 //! - Elements of an array are cells too, except BOOL, BYTE, SINT and USINT, which take 1 byte each; the array ends at a
 //!   4-byte boundary. The last index varies fastest.
 //! - Structures and function block instances are contiguous, in the order of declaration, aligned as their widest cell.

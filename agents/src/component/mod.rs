@@ -28,6 +28,8 @@ mod events;
 mod opening;
 mod running;
 #[cfg(test)]
+mod scenario_tests;
+#[cfg(test)]
 mod table_tests;
 
 pub use diagnose::{Decision, Variables, Verdict, diagnose};

@@ -228,6 +228,20 @@ fn a_second_node_under_one_name_is_refused_while_the_first_lives() {
     ]);
 }
 
+/// A late answer to its predecessor has told it so. A report of a life that is over is not answered: its successor would hear it.
+#[test]
+fn a_node_that_believes_to_be_registered_is_told_to_register() {
+    let mut bench = running();
+    bench.script(&[
+        (1_010, "works c2.3 0", "c2 refused"),
+        (1_011, "killed c2.1", "c1 call m2"),
+        (1_012, "bid c1.1 200", "c1/m2 activate e4; c1 award m2"),
+        (1_013, "works c2.3 0", "c2 refused"),
+        (1_014, "register c2.3", "c2 registered"),
+        (1_015, "works c2.1 0", ""),
+    ]);
+}
+
 #[test]
 fn a_node_that_is_not_in_the_model_hears_what_to_do() {
     let mut bench = running();

@@ -6,12 +6,14 @@ use fam_proto::{
     AgentId, BootId, CellId, ControllerId, Envelope, GatewayId, ImageNumber, InputImage, McId,
     McInputs, Message, OrderId, ProcessId,
 };
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 pub const SOON: Duration = Duration::from_secs(20);
 
+/// One for each test process, so that two of them never meet.
 pub fn cell() -> CellId {
-    CellId::new("testcell").unwrap()
+    CellId::new(&format!("test{}", std::process::id())).unwrap()
 }
 
 pub fn mc() -> McId {
@@ -35,13 +37,22 @@ pub fn agent(process: &ProcessId) -> AgentId {
     }
 }
 
-/// An endpoint of the loopback that nobody listens at.
+/// An endpoint of the loopback that nobody listens at, below the ports that the system gives out by itself: those may be
+/// taken by any connection in the meantime.
 pub fn endpoint() -> String {
-    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    format!("tcp/127.0.0.1:{}", free.local_addr().unwrap().port())
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let first = std::process::id().wrapping_mul(61);
+    loop {
+        let port = 10_000 + (first + NEXT.fetch_add(1, Ordering::Relaxed)) % 20_000;
+        if std::net::TcpListener::bind(format!("127.0.0.1:{port}")).is_ok() {
+            return format!("tcp/127.0.0.1:{port}");
+        }
+    }
 }
 
 pub fn options(process: ProcessId, boot: u64) -> LinkOptions {
+    // `FAM_LOG=zenoh=trace` shows what Zenoh does.
+    fam_driver::init_logging(fam_driver::LogFormat::Plain, "off");
     LinkOptions {
         boot: BootId(boot),
         peers: true,

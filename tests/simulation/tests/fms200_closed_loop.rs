@@ -327,7 +327,7 @@ fn a_restart_from_the_initial_state_causes_incidents() {
         let mut dice = Dice::new(4_000 + index as u64);
         let harmed = (0..TRIES).any(|_| {
             let mut rig = warm(SEEDS[0], Timing::PROMPT);
-            for _ in 0..dice.roll(1, 600) {
+            for _ in 0..dice.roll(1, 1_200) {
                 rig.tick();
             }
             rig.start_cold(index);

@@ -166,12 +166,9 @@ fn planted_bugs_are_found() {
             script,
             ..Options::default()
         };
-        let found = (0..seeds).find_map(|seed| {
-            let violations = run(seed, &options).violations;
-            violations
-                .iter()
-                .any(|v| v.invariant == invariant)
-                .then_some(seed)
+        let found = (0..seeds).find(|seed| {
+            let violations = run(*seed, &options).violations;
+            violations.iter().any(|v| v.invariant == invariant)
         });
         match found {
             Some(seed) => println!(

@@ -78,6 +78,8 @@ pub struct McFacts {
     pub head: Option<HeadFact>,
     /// The head before.
     pub before: Option<HeadFact>,
+    /// Highest scan ever recorded.
+    pub last_scan: Scan,
     /// What was applied last.
     pub applied: Option<(CheckpointId, Owner)>,
     /// The newest grant.
@@ -123,6 +125,7 @@ impl Facts {
                 model: info.model.clone(),
                 head: None,
                 before: None,
+                last_scan: Scan(0),
                 applied: None,
                 grant: None,
                 grants: BTreeMap::new(),
@@ -182,6 +185,9 @@ impl Facts {
                         ended: None,
                         applied_at_us: None,
                     };
+                    if grant.reset == Some(Reset::Cold) {
+                        mc.head = None; // from here on the MC has no history
+                    }
                     mc.grants.insert(grant.epoch, grant.clone());
                     mc.grant = Some(grant);
                 }
@@ -280,6 +286,7 @@ impl McFacts {
             self.heads.pop_front();
         }
         self.heads.push_back(head.clone());
+        self.last_scan = self.last_scan.max(head.id.scan);
         self.before = self.head.replace(head);
     }
 

@@ -1,7 +1,6 @@
 //! **Inputs never grow older** (design, section 5, cycle): along the chain no scan uses an image older than the one before it.
 
 use super::{Facts, Invariant, Seen};
-use fam_proto::Reset;
 
 pub(super) struct InputsNeverOlder;
 
@@ -15,12 +14,8 @@ impl Invariant for InputsNeverOlder {
             return Ok(());
         };
         let mc = facts.mc(name)?;
-        let cold = mc
-            .grants
-            .get(&head.meta.id.epoch)
-            .is_some_and(|g| g.reset == Some(Reset::Cold));
         match &mc.head {
-            Some(before) if head.meta.image < before.image && !cold => Err(format!(
+            Some(before) if head.meta.image < before.image => Err(format!(
                 "{name}: scan {} used image {:x} after scan {} had used image {:x}",
                 head.meta.id.scan, head.meta.image.0, before.id.scan, before.image.0
             )),

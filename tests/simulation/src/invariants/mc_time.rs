@@ -1,7 +1,6 @@
 //! **Time is part of the state** (point 8): along the chain MC time grows by one cycle with each scan, whoever runs it.
 
 use super::{Facts, Invariant, Seen};
-use fam_proto::Reset;
 
 pub(super) struct McTime;
 
@@ -15,15 +14,7 @@ impl Invariant for McTime {
             return Ok(());
         };
         let mc = facts.mc(name)?;
-        let cold = mc
-            .grants
-            .get(&head.meta.id.epoch)
-            .is_some_and(|g| g.reset == Some(Reset::Cold));
-        let before = mc
-            .head
-            .as_ref()
-            .filter(|b| !cold || b.id.epoch == head.meta.id.epoch);
-        let Some(before) = before else {
+        let Some(before) = &mc.head else {
             return Ok(()); // the first of a life; its own beginning is judged with the state
         };
         let scans = head.meta.id.scan.0.saturating_sub(before.id.scan.0);

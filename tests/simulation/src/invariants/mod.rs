@@ -1,7 +1,7 @@
 //! What must hold after every event, one file for each promise of the safety contract (design, section 4).
 //!
 //! The simulator tells what it sees, from outside of all agents: orders on the wire, answers of the gateway, what reaches its
-//! record and the field, what scan threads run. [`facts`] keeps the books; each invariant judges with them and may keep its own.
+//! record and the field, what scan threads run. [`Facts`] keeps the books; each invariant judges with them and may keep its own.
 
 mod epochs_never_reused;
 mod facts;

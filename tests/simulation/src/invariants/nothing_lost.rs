@@ -60,13 +60,10 @@ impl Invariant for NothingLost {
                         opened.mc, opened.epoch
                     ));
                 }
-                if let Some(head) = head
-                    && opened.next_scan <= head.scan
-                    && !repeated
-                {
+                if opened.next_scan <= mc.last_scan && !repeated {
                     return Err(format!(
-                        "{}: epoch {} is to begin with scan {}, but scan {} is on record",
-                        opened.mc, opened.epoch, opened.next_scan, head.scan
+                        "{}: epoch {} is to begin with scan {}, but scan {} was applied",
+                        opened.mc, opened.epoch, opened.next_scan, mc.last_scan
                     ));
                 }
                 Ok(())

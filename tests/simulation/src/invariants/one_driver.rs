@@ -2,7 +2,6 @@
 //! scan is higher. The frames of an MC form one chain: the first frame of an epoch builds on the head of the record.
 
 use super::{Facts, Invariant, Seen};
-use fam_proto::Reset;
 
 pub(super) struct OneDriver;
 
@@ -48,7 +47,7 @@ impl Invariant for OneDriver {
             .as_ref()
             .is_none_or(|(last, _)| last.epoch < applied.epoch)
             && mc.before.as_ref().map(|b| b.id.epoch) != Some(applied.epoch);
-        if first && grant.reset != Some(Reset::Cold) {
+        if first {
             let head = mc.before.as_ref().map(|h| h.id);
             if applied.base != head {
                 return Err(format!(
