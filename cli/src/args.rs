@@ -200,6 +200,9 @@ pub struct GatewayArgs {
     /// Address of the field device, in place of the model's
     #[arg(long, value_name = "HOST:PORT")]
     pub field: Option<String>,
+    /// SCHED_FIFO priority of the process, used where the machine allows it; 0 for normal scheduling
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    pub priority: u8,
     /// Publish what is applied behind the fence, for benchmarks and reports
     #[arg(long)]
     pub recorder: bool,

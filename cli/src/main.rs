@@ -46,6 +46,9 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
         _ => {}
     }
+    if let Command::Gateway(args) = &command {
+        serve::prefer_this_process(args.priority);
+    }
     fam_driver::runtime()?.block_on(async {
         match command {
             Command::Demo(_) | Command::Bench(_) | Command::Check(_) | Command::Generate(_) => {}

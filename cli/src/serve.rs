@@ -24,6 +24,18 @@ async fn ended() {
     }
 }
 
+/// Gives this thread, and all that it starts from now on, a real-time priority where the machine allows it: a gateway works
+/// for microseconds and then waits, and every controller waits for it.
+pub fn prefer_this_process(priority: u8) {
+    if priority > 0 {
+        let param = libc::sched_param {
+            sched_priority: i32::from(priority),
+        };
+        // SAFETY: sets the policy of the calling thread from a valid parameter; refused without the right to it.
+        unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const param) };
+    }
+}
+
 /// `fam manager`
 pub async fn manager(a: ManagerArgs) -> Result<()> {
     logging(a.log);

@@ -10,7 +10,7 @@ const OPEN_WAIT_MS: u64 = 300;
 const RETRY_MS: (u64, u64) = (50, 400);
 /// How long a put waits for room in the queue of one peer that does not take its data, and how long at most for a message of
 /// several batches, in microseconds: so long is everybody else held up when a peer freezes.
-const WAIT_BEFORE_DROP_US: (u64, u64) = (200, 2_000);
+const WAIT_BEFORE_DROP_US: (u64, u64) = (200, 5_000);
 /// Batches of 64 kB that wait for one peer in the queues of images, messages and frames; allocated when needed.
 /// 16 hold a frame of 800 kB while the peer's link is busy.
 const QUEUE_BATCHES: u64 = 16;
@@ -18,6 +18,12 @@ const QUEUE_BATCHES: u64 = 16;
 pub(crate) fn config(options: &LinkOptions) -> Result<zenoh::Config, String> {
     // An operator's command is nobody's data path: others do not connect to it, and it connects only where it is told.
     let is_client = matches!(options.process, ProcessId::Client(_));
+    // Who does not listen does not look for others either: it reaches the cell through its endpoints alone.
+    let found: &[&str] = if options.listen.is_empty() {
+        &[]
+    } else {
+        &["peer"]
+    };
     let json = json!({
         "mode": "peer",
         "metadata": { "name": options.process.to_string(), "cell": options.cell.as_str() },
@@ -33,7 +39,7 @@ pub(crate) fn config(options: &LinkOptions) -> Result<zenoh::Config, String> {
         "scouting": {
             "delay": OPEN_WAIT_MS,
             "multicast": { "enabled": false },
-            "gossip": { "enabled": !is_client && !options.listen.is_empty(), "autoconnect": { "peer": ["peer"] } },
+            "gossip": { "enabled": !is_client, "autoconnect": { "peer": found } },
         },
         "transport": { "link": { "tx": { "queue": {
             "size": {

@@ -106,17 +106,37 @@ async fn images_and_large_frames_arrive_whole() {
     let copy = frame.clone();
     let put = std::thread::spawn(move || sender.put_frame(&mc(), copy));
     assert!(put.join().unwrap());
-    if let Err(_) = tokio::time::timeout(std::time::Duration::from_secs(5), async { while taken.is_empty() { tokio::task::yield_now().await; } }).await {
-        let mut got = Vec::new(); while let Some(e) = host_events.try_recv() { got.push(match e { LinkEvent::Frame{..} => "FRAME".to_owned(), o => format!("{o:?}") }); }
+    if let Err(_) = tokio::time::timeout(std::time::Duration::from_secs(5), async {
+        while taken.is_empty() {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await
+    {
+        let mut got = Vec::new();
+        while let Some(e) = host_events.try_recv() {
+            got.push(match e {
+                LinkEvent::Frame { .. } => "FRAME".to_owned(),
+                o => format!("{o:?}"),
+            });
+        }
         eprintln!("DEBUG host got {got:?}");
-        for link in [&hub, &host, &driver] { eprintln!("DEBUG {:?} {:?}", link.process(), link.debug_sessions().await); }
+        for link in [&hub, &host, &driver] {
+            eprintln!(
+                "DEBUG {:?} {:?}",
+                link.process(),
+                link.debug_sessions().await
+            );
+        }
         driver.sender().put_frame(&mc(), vec![1; 800_000]);
         let again = tokio::time::timeout(std::time::Duration::from_secs(5), taken.recv()).await;
         eprintln!("DEBUG second {again:?}");
     }
     let mut take = async |what: &str| {
         let taken = tokio::time::timeout(SOON, taken.recv()).await;
-        taken.unwrap_or_else(|_| panic!("{what} did not come")).unwrap()
+        taken
+            .unwrap_or_else(|_| panic!("{what} did not come"))
+            .unwrap()
     };
     assert_eq!(take("the frame").await, "station1 800000 42");
     let (seen_mc, bytes) = until(&mut host_events, "the frame", |event| match event {

@@ -39,7 +39,7 @@ fn cells_with_mistakes_are_refused_with_file_line_and_remedy() {
             "cell.toml",
             "tick_ms = 5",
             "tick_ms = 5\ntick_msec = 5",
-            &["cell.toml:8", "tick_msec"],
+            &["cell.toml:7", "tick_msec"],
         ),
         (
             "cell.toml",

@@ -4,6 +4,20 @@ mod support;
 
 use support::{ImageCell, until};
 
+/// Up, with reports: it can take MCs.
+fn wait_up(cell: &ImageCell, controller: &str) {
+    until(&format!("{controller} is up"), || {
+        let status = cell.status()?;
+        let c = status["controllers"]
+            .as_array()?
+            .iter()
+            .find(|c| c["controller"] == controller)?
+            .clone();
+        let image_seen = c["report"]["image_age_us"].as_u64()? < 1_000_000;
+        (c["up"] == true && image_seen).then_some(())
+    });
+}
+
 #[test]
 fn mcs_are_placed_moved_drained_and_survive_a_crash() {
     let cell = ImageCell::start();
@@ -12,15 +26,7 @@ fn mcs_are_placed_moved_drained_and_survive_a_crash() {
         cell.wait_runs_on(mc, "controller1");
     }
     let mut second = cell.node("controller2");
-    until("controller2 is up", || {
-        let status = cell.status()?;
-        let c = status["controllers"]
-            .as_array()?
-            .iter()
-            .find(|c| c["controller"] == "controller2")?
-            .clone();
-        (c["up"] == true && !c["report"].is_null()).then_some(())
-    });
+    wait_up(&cell, "controller2");
     cell.operate(&["move", "Feeder", "--to", "controller2"]);
     cell.wait_runs_on("Feeder", "controller2");
     cell.operate(&["pin", "Feeder"]);
@@ -42,6 +48,7 @@ fn mcs_are_placed_moved_drained_and_survive_a_crash() {
     cell.operate(&["unpin", "Feeder"]);
 
     let third = cell.node("controller2");
+    wait_up(&cell, "controller2");
     cell.operate(&["drain", "controller1"]);
     for mc in ["Feeder", "Press"] {
         cell.wait_runs_on(mc, "controller2");

@@ -13,7 +13,7 @@ use std::hash::{Hash, Hasher};
 const NAME: &str = "work balance";
 const FULL_PERMILLE: u32 = 1_000;
 /// An imbalance that no plan could better is raised again after this many pauses: bids may have been lost, or a node not ready.
-const RETRY_PAUSES: u64 = 5;
+const RETRY_PAUSES: u64 = 15;
 
 /// What was seen when no plan gained enough.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]

@@ -127,7 +127,7 @@ fn every_seed_and_timing_makes_good_sets() {
 /// MCs are killed one by one or together at random scans and taken over a few scans later.
 #[test]
 fn killed_mcs_go_on_from_the_applied_state() {
-    for number in cases(12) {
+    for number in cases(10) {
         let mut dice = Dice::new(1_000 + number);
         let (mut rig, seed, context) = case(number, &mut dice);
         let mut down: Vec<(usize, u64)> = Vec::new();
@@ -346,7 +346,7 @@ fn a_restart_from_the_initial_state_causes_incidents() {
 fn stop_pous_end_and_harm_nothing() {
     for (index, mc) in cell().built.mcs.iter().enumerate() {
         let mut dice = Dice::new(5_000 + index as u64);
-        for _ in 0..3 {
+        for _ in 0..2 {
             let mut rig = warm(SEEDS[1], Timing::rolled(&mut dice));
             for _ in 0..dice.roll(0, 800) {
                 rig.tick();
