@@ -423,14 +423,6 @@ impl Link {
         self.inner.reach.look(&self.inner.session).await
     }
 
-    #[doc(hidden)]
-    pub async fn debug_sessions(&self) -> String {
-        let key = format!("@/{}/peer", self.session().zid());
-        let replies = self.session().get(key).await.unwrap();
-        let reply = replies.recv_async().await.unwrap();
-        String::from_utf8_lossy(&reply.result().unwrap().payload().to_bytes()).into_owned()
-    }
-
     /// Sends a message; one for an agent of this process is looped back.
     pub fn send(&self, envelope: &Envelope) {
         let to = envelope.to.process();

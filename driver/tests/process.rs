@@ -38,6 +38,7 @@ impl Other {
         let child = Command::new(std::env::current_exe().unwrap())
             .args(["--exact", "child_process"])
             .env(ENDPOINT, endpoint)
+            .env(CELL, cell().as_str())
             .stdout(std::process::Stdio::null())
             .spawn()
             .unwrap();

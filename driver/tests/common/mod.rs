@@ -11,9 +11,13 @@ use std::time::Duration;
 
 pub const SOON: Duration = Duration::from_secs(20);
 
+/// Tells a child process the cell of its test.
+pub const CELL: &str = "FAM_TEST_CELL";
+
 /// One for each test process, so that two of them never meet.
 pub fn cell() -> CellId {
-    CellId::new(&format!("test{}", std::process::id())).unwrap()
+    let name = std::env::var(CELL).unwrap_or_else(|_| format!("test{}", std::process::id()));
+    CellId::new(&name).unwrap()
 }
 
 pub fn mc() -> McId {
