@@ -24,7 +24,7 @@ pub enum GatewayLocal {
         /// Name or address of the device.
         device: String,
     },
-    /// The process's own timer: as [`Agent::handle_timeout`].
+    /// The process's own timer: as `Agent::handle_timeout`.
     Wake,
     /// The gateway is asked to end: whatever is driven is set to its fail-safe values, because nobody will watch it. Answered by
     /// [`GatewayAct::Left`].
