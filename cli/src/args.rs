@@ -14,7 +14,7 @@ use std::path::PathBuf;
     max_term_width = 110,
     after_help = "\
 Examples:
-  fam demo                                the FMS-200 cell through joins, crashes, a freeze and a drain, in about 80 s
+  fam demo                                the FMS-200 cell through joins, crashes, a freeze and a drain, in about 55 s
   fam up deploy/fms200/deployment.toml    start a cell and keep it running
   fam status --watch                      who runs what, and with which workload
   fam drain controller1                   take a controller out for maintenance
