@@ -35,7 +35,8 @@ pub struct Running {
     gateway: Option<Process>,
     manager: Option<Process>,
     nodes: BTreeMap<String, Process>,
-    trace: bool,
+    /// Traced nodes, with the endpoints at which their measuring points are had.
+    listen: BTreeMap<String, String>,
 }
 
 impl Running {
@@ -56,7 +57,7 @@ impl Running {
             gateway: None,
             manager: None,
             nodes: BTreeMap::new(),
-            trace: false,
+            listen: BTreeMap::new(),
             setup,
         };
         if cell.setup.plant {
@@ -82,9 +83,14 @@ impl Running {
         self.setup.detour = detour;
     }
 
-    /// Lets nodes publish their measuring points, from their next start on.
-    pub fn trace_nodes(&mut self) {
-        self.trace = true;
+    /// Lets a node publish its measuring points from its next start on, and returns the endpoint to ask for them.
+    ///
+    /// # Errors
+    /// If no port is free.
+    pub fn trace_node(&mut self, controller: &str) -> Result<String> {
+        let endpoint = format!("tcp/{}", free_address()?);
+        self.listen.insert(controller.to_owned(), endpoint.clone());
+        Ok(endpoint)
     }
 
     /// Status port of the plant.
@@ -202,8 +208,9 @@ impl Running {
         if self.setup.detour.contains_key(controller) {
             args.push("--isolated");
         }
-        if self.trace {
-            args.push("--trace");
+        let listen = self.listen.get(controller).cloned();
+        if let Some(listen) = &listen {
+            args.extend(["--trace", "--listen", listen]);
         }
         for endpoint in &connect {
             args.extend(["--connect", endpoint]);

@@ -59,19 +59,18 @@ impl Traced {
             run_dir: dir.path().to_owned(),
             detour: BTreeMap::new(),
         })?;
-        cell.trace_nodes();
+        let mut connect = vec![
+            cell.manager_endpoint().to_owned(),
+            cell.gateway_endpoint().to_owned(),
+        ];
+        for controller in ["controller1", "controller2"] {
+            connect.push(cell.trace_node(controller)?);
+        }
         let cell_id = CellId::new(NAME)?;
         let runtime = fam_driver::runtime()?;
         let points: Arc<(Mutex<Vec<Point>>, Condvar)> = Arc::default();
         let (client, subscriptions) = runtime.block_on(async {
-            let client = Client::open(
-                cell_id.clone(),
-                vec![
-                    cell.manager_endpoint().to_owned(),
-                    cell.gateway_endpoint().to_owned(),
-                ],
-            )
-            .await?;
+            let client = Client::open(cell_id.clone(), connect).await?;
             let mut subscriptions = Vec::new();
             for controller in ["controller1", "controller2"] {
                 let sink = points.clone();
