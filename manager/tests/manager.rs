@@ -449,7 +449,6 @@ fn owned_by(name: &'static str) -> impl Fn(&CellStatus) -> bool {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_cell_starts_loses_a_controller_and_gets_its_manager_back() {
-    fam_driver::init_logging(fam_driver::LogFormat::Plain, "debug");
     let (at, disk, record) = (endpoint(), Disk::default(), Record::never());
     let manager = Manager::start(&at, &disk, 100);
     let _gateway = start_gateway(&at, record.clone()).await;
