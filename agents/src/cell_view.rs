@@ -78,6 +78,8 @@ pub struct ControllerView {
     pub leaving: bool,
     /// It was told that it may leave.
     pub may_leave: bool,
+    /// MCs that it may leave behind, because nobody else can take them.
+    pub behind: BTreeSet<McId>,
 }
 
 impl ControllerView {

@@ -206,6 +206,10 @@ pub struct GatewayArgs {
     /// Publish what is applied behind the fence, for benchmarks and reports
     #[arg(long)]
     pub recorder: bool,
+    /// Apply every frame, whoever sends it: drives no plant safely
+    #[cfg(feature = "fence-off")]
+    #[arg(long)]
+    pub fence_off: bool,
     /// Form of the log
     #[arg(long, value_enum, default_value = "plain")]
     pub log: LogArg,

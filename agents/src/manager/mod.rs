@@ -176,7 +176,7 @@ impl MiddlewareManager {
             Message::Query(query) => self.query(&envelope, query, in_progress, now),
             Message::Registered(_)
             | Message::RegistrationRefused(_)
-            | Message::MayLeave
+            | Message::MayLeave { .. }
             | Message::Qos(_)
             | Message::CallForProposals(_)
             | Message::Bid(_)

@@ -265,10 +265,8 @@ impl MiddlewareManager {
             if let Some(controller) = leaves {
                 let text = format!("{controller} leaves although nobody can take {mc}: {why}");
                 let event = Event::new(Severity::Alarm, EventKind::McUnplaced, text);
-                let told = self.view.controllers[&controller].may_leave;
-                if !told {
+                if self.leave_behind(&controller, mc) {
                     self.event(event.mc(mc).controller(&controller), now);
-                    self.may_leave(&controller);
                 }
                 continue;
             }
