@@ -178,8 +178,7 @@ impl ControllerAgent {
     /// Newest counters of the scan thread and the host.
     pub fn sample(&mut self, sample: NodeSample) {
         for mc in &sample.mcs {
-            let longest = self.measured_us.entry(mc.mc.clone()).or_default();
-            *longest = (*longest).max(mc.max_us);
+            self.measured_us.insert(mc.mc.clone(), mc.max_us);
         }
         self.sample = sample;
     }

@@ -280,6 +280,8 @@ async fn load(
     let (cell, controller) = (options.cell.clone(), options.controller.clone());
     let (cache, engine) = (options.cache.clone(), engine.clone());
     tokio::task::spawn_blocking(move || {
+        // Compiling takes seconds of CPU time, which no running MC may miss.
+        real_time::normal_priority();
         let built =
             fam_engineering::build(&cell).map_err(|problems| anyhow::anyhow!("{problems}"))?;
         for warning in &built.warnings {
