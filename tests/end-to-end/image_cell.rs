@@ -74,7 +74,7 @@ fn an_interrupted_interval_is_recovered_first_and_the_state_goes_on() {
     cell.wait_point("Feeder.PusherExtend", "1");
     cell.set(&["Start=0", "PusherOut=1"]);
     cell.wait_point("Feeder.FedParts", "1");
-    cell.wait_point("Press.LastWeight", &1.0_f32.to_bits().to_string());
+    cell.wait_point("Press.LastWeight", "1");
     // The second part: the pusher is under way when its controller dies.
     cell.set(&["PusherOut=0", "Start=1"]);
     cell.wait_point("Feeder.PusherExtend", "1");
@@ -99,21 +99,33 @@ fn a_stopped_mc_stays_stopped_until_its_reset() {
     let cell = ImageCell::start();
     let _node = cell.node("controller1");
     cell.wait_runs_on("Feeder", "controller1");
-    cell.operate(&["stop", "Feeder"]);
-    until("Feeder is stopped", || {
-        let status = cell.status()?;
-        (status["mcs"]
-            .as_array()?
-            .iter()
-            .find(|m| m["mc"] == "Feeder")?["record"]
-            == "stopped")
-            .then_some(())
-    });
+    cell.set(&["PusherHome=1", "PusherOut=1", "Start=1"]);
+    cell.wait_point("Feeder.FedParts", "1");
+    cell.set(&["Start=0", "PusherOut=0"]);
+    let stop = || {
+        cell.operate(&["stop", "Feeder"]);
+        until("Feeder is stopped", || {
+            let status = cell.status()?;
+            let mcs = status["mcs"].as_array()?;
+            let feeder = mcs.iter().find(|m| m["mc"] == "Feeder")?;
+            (feeder["record"] == "stopped").then_some(())
+        });
+    };
+    stop();
     let (code, _, err) = cell.try_operate(&["move", "Feeder", "--to", "controller1"]);
     assert_ne!(code, 0);
     assert!(err.contains("reset"), "the refusal says what to do: {err}");
+    cell.wait_point("Feeder.PartReady", "0");
+    // Warm: what is retained (the count) stays, the step (a part on offer) does not.
+    cell.operate(&["reset", "Feeder", "--warm"]);
+    cell.wait_runs_on("Feeder", "controller1");
+    cell.set(&["Start=1"]);
+    cell.wait_point("Feeder.PusherExtend", "1");
+    assert_eq!(cell.get("Feeder.FedParts").unwrap(), "1");
+    stop();
     cell.operate(&["reset", "Feeder", "--cold"]);
     cell.wait_runs_on("Feeder", "controller1");
+    cell.wait_point("Feeder.FedParts", "0");
 }
 
 #[test]
