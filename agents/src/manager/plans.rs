@@ -10,7 +10,7 @@ use fam_proto::{
 use std::collections::BTreeSet;
 
 /// An MC that finds no place is an alarm after so many tries, or at once where nobody could be asked.
-const TRIES_BEFORE_ALARM: u32 = 3;
+pub(super) const TRIES_BEFORE_ALARM: u32 = 3;
 /// So many causes are remembered as told.
 const TOLD_MAX: usize = 256;
 
