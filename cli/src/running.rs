@@ -289,6 +289,30 @@ impl Running {
             .kill()
     }
 
+    /// Sends a signal to any running process: `plant`, `gateway`, `manager`, or a controller.
+    ///
+    /// # Errors
+    /// If it is not running.
+    pub fn signal(&self, name: &str, signal: Signal) -> Result<()> {
+        self.all()
+            .find(|p| p.name() == name)
+            .ok_or_else(|| anyhow!("{name} is not running"))?
+            .signal(signal)
+    }
+
+    /// Names and numbers of the running processes.
+    pub fn pids(&self) -> Vec<(String, u32)> {
+        self.all().map(|p| (p.name().to_owned(), p.pid())).collect()
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Process> {
+        self.plant
+            .iter()
+            .chain(&self.gateway)
+            .chain(&self.manager)
+            .chain(self.nodes.values())
+    }
+
     /// Names of processes that have ended by themselves, with the end of their logs.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ mod failover;
 mod moves;
 mod plan;
 mod quiet;
-mod relay;
+pub(crate) mod relay;
 mod rig;
 mod state;
 mod stats;
