@@ -80,12 +80,14 @@ pub fn cell() -> CellModel {
             diagnosis: ModelMc::diagnosis(PADDING),
             inputs: vec![InputPoint {
                 name: "In".to_owned(),
+                number: fam_proto::model::Number::Unsigned,
                 place: Place::Bytes { byte: 0, width: 2 },
                 source: InputSource::Field(FieldPoint::Image("In".to_owned())),
             }],
             inputs_len: INPUTS_LEN as u32,
             outputs: vec![OutputPoint {
                 name: "Out".to_owned(),
+                number: fam_proto::model::Number::Unsigned,
                 place: Place::Bytes { byte: 0, width: 1 },
                 field: Some(FieldPoint::Image("Out".to_owned())),
             }],

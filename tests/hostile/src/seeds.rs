@@ -199,7 +199,7 @@ pub fn envelopes() -> Vec<Envelope> {
             Message::RegistrationRefused("no".to_owned()),
         ),
         (ca(), manager(), Message::Leaving),
-        (manager(), ca(), Message::MayLeave),
+        (manager(), ca(), Message::MayLeave { behind: Vec::new() }),
         (ca(), manager(), Message::Report(report(2))),
         (
             ca(),

@@ -81,6 +81,7 @@ impl Default for Cell {
                 inputs_len: 0,
                 outputs: vec![OutputPoint {
                     name: "Q".to_owned(),
+                    number: fam_proto::model::Number::Unsigned,
                     place: Place::Bit { byte: 0, bit: 0 },
                     field: None,
                 }],
