@@ -208,6 +208,9 @@ pub struct GatewayArgs {
     /// Publish what is applied behind the fence, for benchmarks and reports
     #[arg(long)]
     pub recorder: bool,
+    /// File that gets the journal of what is applied behind the fence
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub journal: Option<PathBuf>,
     /// Form of the log
     #[arg(long, value_enum, default_value = "plain")]
     pub log: LogArg,

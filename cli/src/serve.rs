@@ -82,6 +82,7 @@ pub async fn gateway(a: GatewayArgs) -> Result<()> {
         connect: a.connect,
         field_address: a.field,
         stream_applied: a.recorder,
+        journal: a.journal,
         ..GatewayOptions::new(a.cell, a.records)
     };
     fam_gateway::run(options, ended()).await
