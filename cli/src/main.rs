@@ -49,9 +49,13 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
         _ => {}
     }
-    if let Command::Gateway(args) = &command {
-        serve::prefer_this_process(args.priority);
-    }
+    serve::prefer_this_process(match &command {
+        Command::Gateway(args) => args.priority,
+        Command::Manager(args) => args.priority,
+        Command::Plant(args) => args.priority,
+        Command::Node(args) => args.link_priority.min(args.priority),
+        _ => 0,
+    });
     fam_driver::runtime()?.block_on(async {
         match command {
             Command::Demo(_)

@@ -83,6 +83,8 @@ pub async fn gateway(a: GatewayArgs) -> Result<()> {
         field_address: a.field,
         stream_applied: a.recorder,
         journal: a.journal,
+        #[cfg(feature = "fence-off")]
+        fence_off: a.fence_off,
         ..GatewayOptions::new(a.cell, a.records)
     };
     fam_gateway::run(options, ended()).await

@@ -16,7 +16,7 @@ const STARTED: &str = "controller2";
 const WAIT: Duration = Duration::from_secs(30);
 
 pub fn run(cell: Option<&Path>, starts: usize, seconds: u64) -> Result<Map<String, Value>> {
-    let mut rig = Rig::start(cell, CYCLE_MS, |_, _| Ok(BTreeMap::new()))?;
+    let mut rig = Rig::start(cell, CYCLE_MS)?;
     rig.join(DRIVER)?;
     let active = rig.eye.seen().newest.len();
     let (cpu_percent, mcs_percent) = cpu(&rig, seconds)?;

@@ -8,7 +8,6 @@ use fam_proto::ControllerId;
 use hdrhistogram::Histogram;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
@@ -35,7 +34,7 @@ pub fn run(cell: Option<&Path>, cycle_ms: u32, seconds: u64) -> Result<Map<Strin
     figures.insert("cycle_ms".into(), json!(cycle_ms));
     figures.insert("seconds".into(), json!(seconds.div_ceil(PIECE_S) * PIECE_S));
     for (priority, name) in [("20", "real_time"), ("0", "normal")] {
-        let mut rig = Rig::start(cell, cycle_ms, |_, _| Ok(BTreeMap::new()))?;
+        let mut rig = Rig::start(cell, cycle_ms)?;
         let endpoint = rig.cell.trace_node(CONTROLLER)?;
         rig.cell.node_options(CONTROLLER, &["--priority", priority]);
         rig.join(CONTROLLER)?;

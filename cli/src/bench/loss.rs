@@ -62,7 +62,7 @@ pub fn run(
     trials: usize,
     seed: u64,
 ) -> Result<Map<String, Value>> {
-    let mut rig = Rig::start(cell, CYCLE_MS, |_, _| Ok(BTreeMap::new()))?;
+    let mut rig = Rig::start(cell, CYCLE_MS)?;
     for controller in CONTROLLERS {
         rig.join(controller)?;
     }

@@ -134,6 +134,7 @@ impl Soak {
             seed,
             run_dir: run_dir.to_owned(),
             detour: BTreeMap::new(),
+            fence_off: false,
         })?;
         let controllers: Vec<String> = model
             .controllers

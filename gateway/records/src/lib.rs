@@ -204,7 +204,7 @@ impl RecordFile {
             if value == !complement { value } else { 0 }
         };
         let counts = STARTS_AT.map(read);
-        self.starts = counts[0].max(counts[1]) + 1;
+        self.starts = counts[0].max(counts[1]).saturating_add(1);
         let at = STARTS_AT[usize::from(counts[0] > counts[1])];
         self.map[at..at + 4].copy_from_slice(&self.starts.to_le_bytes());
         self.map[at + 4..at + 8].copy_from_slice(&(!self.starts).to_le_bytes());
@@ -442,5 +442,8 @@ fn check(path: &Path, file: &File, want: &[u8], bytes: usize) -> Result<(), Reco
     Ok(())
 }
 
+#[cfg(test)]
+#[path = "../../core/tests/common/mod.rs"]
+mod testing;
 #[cfg(test)]
 mod tests;
