@@ -3,6 +3,7 @@
 mod args;
 mod bench;
 mod cell;
+mod chain;
 mod demo;
 mod io;
 mod observe;

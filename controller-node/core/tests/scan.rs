@@ -422,6 +422,7 @@ fn without_a_fresh_image_nothing_runs_and_mc_time_stands() {
         cell.a.tick(cell.now);
         for bytes in cell.a.sent(cell.now) {
             cell.gateway.frame(&bytes);
+            cell.b.replicas[0].frame(&bytes).unwrap().held.unwrap();
         }
     }
     assert_eq!(cell.head(0).id.scan, Scan(4));
