@@ -31,8 +31,8 @@ pub enum DeltaError {
     },
 }
 
-/// Appends to `out` what turns `old` into `new`. Returns `false`, with `out` as it was, if the lengths differ or the delta
-/// would be longer than `new` itself: then the full checkpoint is the better message.
+/// Appends to `out` what turns `old` into `new`. Returns `false`, with `out` as it was, if the lengths differ or the delta would be
+/// longer than half of `new`: then the full checkpoint is the better message, since it is neither compared nor copied twice.
 pub fn diff(old: &[u8], new: &[u8], out: &mut Vec<u8>) -> bool {
     if old.len() != new.len() {
         return false;
@@ -49,7 +49,7 @@ pub fn diff(old: &[u8], new: &[u8], out: &mut Vec<u8>) -> bool {
             at += WORD_BYTES;
         }
         let run_end = run_end(old, new, at);
-        if out.len() - start + RUN_HEAD_BYTES + (run_end - at) > new.len() {
+        if out.len() - start + RUN_HEAD_BYTES + (run_end - at) > new.len() / 2 {
             out.truncate(start);
             return false;
         }

@@ -4,6 +4,7 @@ use crate::journal::{Journal, monotonic_us};
 use crate::net::fabric::Fabric;
 use crate::net::{Host, NoHost};
 use crate::process::{Log, Process};
+use crate::stalls::Stalls;
 use fam_driver::Client;
 use fam_plant::PlantStatus;
 use fam_proto::{CellStatus, CommandKind, ControllerId, Event, EventKind, McId, Query, QueryReply};
@@ -77,6 +78,7 @@ pub struct Cell {
     model: PathBuf,
     dir: tempfile::TempDir,
     began: Instant,
+    stalls: Stalls,
     _place: MutexGuard<'static, Place>,
 }
 
@@ -145,6 +147,7 @@ impl Cell {
             model,
             dir: tempfile::tempdir().expect("a temporary folder"),
             began: Instant::now(),
+            stalls: Stalls::watch(),
             _place: place,
         })
     }
@@ -480,6 +483,31 @@ impl Cell {
         let mut line = String::new();
         stream.read_line(&mut line).expect("and answers");
         serde_json::from_str(&line).expect("a status")
+    }
+
+    /// MCs that were taken from their owners since then although nobody had ordered it, in words. A handover counts as ordered also
+    /// when the successor's opening has overtaken the release; what a stall of the machine explains is told, and left out.
+    pub fn taken_since(&mut self, since_us: u64) -> Vec<String> {
+        self.journal.read();
+        let ordered: BTreeSet<(McId, u64)> = self
+            .events()
+            .into_iter()
+            .filter(|e| e.kind == EventKind::McActivated && e.text.contains("handed over"))
+            .filter_map(|e| Some((e.mc?, e.epoch?.0)))
+            .collect();
+        let mut taken = Vec::new();
+        for t in self.journal.takeovers_since(since_us) {
+            if t.released || ordered.contains(&(t.mc.clone(), t.to.0.0)) {
+                continue;
+            }
+            let text = format!("{} from {} to {}", t.mc, t.from.1, t.to.1);
+            if self.stalls.explain(t.last_us, t.first_us) {
+                eprintln!("the machine stalled: {text}");
+            } else {
+                taken.push(text);
+            }
+        }
+        taken
     }
 
     /// The verdict: nothing driven twice, nothing lost, no incident, and each takeover of the last while stands in the history.

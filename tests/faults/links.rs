@@ -47,14 +47,7 @@ fn each_link_cut_in_each_direction_leaves_one_driver() {
                 _ if [from, to].contains(&PLANT) => cell.run_for(FIELD_HOLD),
                 _ => {
                     cell.run_for(HOLD);
-                    cell.journal.read();
-                    let taken: Vec<String> = cell
-                        .journal
-                        .takeovers_since(since_us)
-                        .iter()
-                        .filter(|t| !t.released)
-                        .map(|t| format!("{} from {} to {}", t.mc, t.from.1, t.to.1))
-                        .collect();
+                    let taken = cell.taken_since(since_us);
                     assert!(
                         taken.is_empty(),
                         "{case} took MCs from healthy owners: {taken:?}\n{}",

@@ -14,4 +14,5 @@ mod net;
 mod process;
 mod processes;
 mod stages;
+mod stalls;
 mod weather;
