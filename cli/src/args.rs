@@ -69,6 +69,8 @@ pub enum Command {
     Generate(GenerateArgs),
     /// Measure this machine and this build
     Bench(crate::bench::BenchArgs),
+    /// Run seeded schedules of faults against a whole simulated cell
+    Simulate(crate::simulate::SimulateArgs),
 }
 
 /// How to reach the cell.

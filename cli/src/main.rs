@@ -11,6 +11,7 @@ mod processes;
 mod report;
 mod running;
 mod serve;
+mod simulate;
 mod status;
 mod up;
 
@@ -42,6 +43,7 @@ fn dispatch(command: Command) -> Result<bool> {
         // These watch real processes from plain threads and bring their own runtime.
         Command::Demo(args) => return demo::run(&args),
         Command::Bench(args) => return bench::run(&args).map(|()| true),
+        Command::Simulate(args) => return simulate::run_schedules(&args),
         Command::Check(args) => return cell::check(&args.cell),
         Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
         _ => {}
@@ -51,7 +53,11 @@ fn dispatch(command: Command) -> Result<bool> {
     }
     fam_driver::runtime()?.block_on(async {
         match command {
-            Command::Demo(_) | Command::Bench(_) | Command::Check(_) | Command::Generate(_) => {}
+            Command::Demo(_)
+            | Command::Bench(_)
+            | Command::Simulate(_)
+            | Command::Check(_)
+            | Command::Generate(_) => {}
             Command::Up(args) => up::run(&args).await?,
             Command::Manager(args) => serve::manager(args).await?,
             Command::Node(args) => serve::node(args).await?,

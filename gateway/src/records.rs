@@ -183,7 +183,7 @@ impl RecordFile {
         Ok((records, stored))
     }
 
-    /// How often the file has been opened by a gateway, this time included.
+    /// Grows with each opening by a gateway; it begins with the time at which the file was made, in seconds since 1970.
     #[must_use]
     pub fn starts(&self) -> u32 {
         self.starts
@@ -204,7 +204,13 @@ impl RecordFile {
             if value == !complement { value } else { 0 }
         };
         let counts = STARTS_AT.map(read);
-        self.starts = counts[0].max(counts[1]) + 1;
+        let before = counts[0].max(counts[1]);
+        // Image numbers grow with it, and others go by them: a file that is made anew goes on above the one that was lost.
+        self.starts = if before == 0 {
+            u32::try_from(fam_driver::wall_us() / 1_000_000).unwrap_or(1)
+        } else {
+            before + 1
+        };
         let at = STARTS_AT[usize::from(counts[0] > counts[1])];
         self.map[at..at + 4].copy_from_slice(&self.starts.to_le_bytes());
         self.map[at + 4..at + 8].copy_from_slice(&(!self.starts).to_le_bytes());
