@@ -3,12 +3,14 @@
 //! Who drives an MC is told by its gateway's record alone. Whether a controller is there is told by its liveliness token and
 //! its reports. What the manager wants is the assignment; what is on its way is in `under_way`.
 
+use fam_proto::mark::{Mark, hash_marked};
 use fam_proto::model::{CellModel, McModel};
 use fam_proto::{
     BootId, ControllerId, Epoch, GatewayId, ImageNumber, McId, McaState, Now, Owner, PlanId,
     RecordState, RecordSummary, Registration, Reset, ResourceReport,
 };
 use std::collections::{BTreeMap, BTreeSet};
+use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
 /// After its token is seen a node has this long to register before the first start of an MC goes on without it, in microseconds.
@@ -17,7 +19,7 @@ pub const JOINING_US: u64 = 300_000;
 pub const HEALTHY_CYCLES: u64 = 3;
 
 /// Everything known.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CellView {
     /// The cell model in force.
     pub model: Arc<CellModel>,
@@ -33,6 +35,18 @@ pub struct CellView {
     pub version: u64,
     /// The manager has been up long enough to know who is there.
     pub settled: bool,
+}
+
+// The model does not change.
+impl Hash for CellView {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.generation.hash(state);
+        self.controllers.hash(state);
+        self.mcs.hash(state);
+        self.gateways.hash(state);
+        hash_marked(Mark::Count, self.version, state);
+        self.settled.hash(state);
+    }
 }
 
 /// Why a controller counts as lost.
@@ -78,6 +92,8 @@ pub struct ControllerView {
     pub leaving: bool,
     /// It was told that it may leave.
     pub may_leave: bool,
+    /// MCs that it may leave behind, because nobody else can take them.
+    pub behind: BTreeSet<McId>,
 }
 
 impl ControllerView {

@@ -240,7 +240,7 @@ impl ControllerAgent {
             Message::RegistrationRefused(why) => self.refused(why, now),
             Message::CallForProposals(call) => self.bid(&call, now),
             Message::Award(award) => self.won = Some(award),
-            Message::MayLeave => self.may_leave(),
+            Message::MayLeave { behind } => self.may_leave(&behind),
             _ => {}
         }
     }
@@ -512,16 +512,25 @@ impl ControllerAgent {
         }
     }
 
-    fn may_leave(&mut self) {
+    fn may_leave(&mut self, behind: &[McId]) {
         let Some(leaving) = &mut self.leaving else {
             return;
         };
-        // An order may have crossed the manager's word: what runs here has to go first.
-        if !leaving.done && self.active.is_empty() && !self.opening {
+        // An order may have crossed the manager's word: what runs here and has a place elsewhere goes first.
+        let waits = self.active.iter().any(|(mc, _)| !behind.contains(mc)) || self.opening;
+        if !leaving.done && !waits {
             leaving.done = true;
-            self.out
-                .push_back(NodeOutput::Act(NodeAct::Leave { left: Vec::new() }));
+            self.go("nobody else can take it now");
         }
+    }
+
+    /// Leaves, and says what is left behind.
+    fn go(&mut self, why: &str) {
+        let left: Vec<McId> = self.active.iter().map(|(mc, _)| mc.clone()).collect();
+        if !left.is_empty() {
+            self.left_behind(&left, why);
+        }
+        self.out.push_back(NodeOutput::Act(NodeAct::Leave { left }));
     }
 
     fn leaving_timeout(&mut self, now: Now) {
@@ -531,24 +540,20 @@ impl ControllerAgent {
         };
         if leaving.until <= now || (idle && leaving.idle_until <= now) {
             leaving.done = true;
-            let left: Vec<McId> = self.active.iter().map(|(mc, _)| mc.clone()).collect();
-            if !left.is_empty() {
-                self.left_behind(&left);
-            }
-            self.out.push_back(NodeOutput::Act(NodeAct::Leave { left }));
+            let seconds = LEAVING_WAIT_US / 1_000_000;
+            self.go(&format!("not handed over within {seconds} s"));
         } else if leaving.again <= now {
             leaving.again = now.plus_us(LEAVING_REPEAT_US);
             self.send(AgentId::Manager, Message::Leaving);
         }
     }
 
-    fn left_behind(&mut self, left: &[McId]) {
+    fn left_behind(&mut self, left: &[McId], why: &str) {
         let me: &ControllerId = &self.config.owner.controller;
         let names: Vec<&str> = left.iter().map(McId::as_str).collect();
         let text = format!(
-            "{me} leaves although {} could not be handed over within {} s; the gateway will set the fail-safe values",
+            "{me} leaves {} behind: {why}; the gateway will set the fail-safe values",
             names.join(", "),
-            LEAVING_WAIT_US / 1_000_000
         );
         let event = Event::new(Severity::Alarm, EventKind::ControllerStopped, text);
         self.out.push_back(NodeOutput::Event(event.controller(me)));

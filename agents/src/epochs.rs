@@ -5,11 +5,17 @@
 
 use fam_proto::{Epoch, McId};
 use std::collections::BTreeMap;
+use std::hash::{Hash, Hasher};
 
 /// Epochs in a block.
 pub const BLOCK: u64 = 64;
 /// A new block is asked for when so few are left.
 const LOW: u64 = 16;
+/// A record that is further ahead than this is no record: no cell activates an MC so often. Following it would let one
+/// damaged message use up all numbers.
+pub const AHEAD_MAX: u64 = 1 << 32;
+/// Numbers end here, far above what [`AHEAD_MAX`] lets anyone reach: nothing is given out above, and nothing overflows.
+const LAST: u64 = u64::MAX - 2 * BLOCK;
 
 /// A block that has to be made durable before its epochs count.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -20,7 +26,7 @@ pub struct Block {
     pub upto: Epoch,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct Numbers {
     /// Next to be given out.
     next: u64,
@@ -28,6 +34,12 @@ struct Numbers {
     durable: u64,
     /// Asked for, not confirmed yet.
     asked: Option<u64>,
+}
+
+impl Hash for Numbers {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (Epoch(self.next), Epoch(self.durable), self.asked.map(Epoch)).hash(state);
+    }
 }
 
 /// The epochs of all MCs.
@@ -47,7 +59,7 @@ impl Epochs {
             .map(|mc| {
                 let upto = reserved.get(mc).map_or(0, |e| e.0);
                 let numbers = Numbers {
-                    next: upto + 1,
+                    next: upto.saturating_add(1),
                     durable: upto,
                     asked: None,
                 };
@@ -57,10 +69,13 @@ impl Epochs {
         Epochs { numbers }
     }
 
-    /// A record shows this epoch: numbers go on above it.
+    /// A record shows this epoch: numbers go on above it, unless it is out of all reason ([`AHEAD_MAX`]).
     pub fn seen(&mut self, mc: &McId, epoch: Epoch) {
         if let Some(numbers) = self.numbers.get_mut(mc) {
-            numbers.next = numbers.next.max(epoch.0 + 1);
+            let next = epoch.0.saturating_add(1);
+            if next <= numbers.next.saturating_add(AHEAD_MAX) {
+                numbers.next = numbers.next.max(next);
+            }
         }
     }
 
@@ -68,8 +83,9 @@ impl Epochs {
     pub fn wanted(&mut self) -> Vec<Block> {
         let mut wanted = Vec::new();
         for (mc, numbers) in &mut self.numbers {
-            if numbers.asked.is_none() && numbers.next + LOW > numbers.durable {
-                let upto = numbers.next.max(numbers.durable) + BLOCK - 1;
+            let few = numbers.next.saturating_add(LOW) > numbers.durable;
+            if numbers.asked.is_none() && few && numbers.next <= LAST {
+                let upto = numbers.next.max(numbers.durable).saturating_add(BLOCK - 1);
                 numbers.asked = Some(upto);
                 wanted.push(Block {
                     mc: mc.clone(),
@@ -95,7 +111,7 @@ impl Epochs {
     /// Gives out the next epoch, if it is durable.
     pub fn take(&mut self, mc: &McId) -> Option<Epoch> {
         let numbers = self.numbers.get_mut(mc)?;
-        (numbers.next <= numbers.durable).then(|| {
+        (numbers.next <= numbers.durable.min(LAST)).then(|| {
             numbers.next += 1;
             Epoch(numbers.next - 1)
         })
@@ -128,6 +144,18 @@ mod tests {
         let block = epochs.wanted().remove(0);
         epochs.answered(&block, true);
         assert_eq!(epochs.take(&mc()), Some(Epoch(501)));
+    }
+
+    #[test]
+    fn a_record_from_nowhere_uses_up_no_numbers() {
+        let mut epochs = Epochs::new([mc()].iter(), &BTreeMap::new());
+        epochs.seen(&mc(), Epoch(u64::MAX));
+        epochs.seen(&mc(), Epoch(AHEAD_MAX + 1));
+        assert_eq!(epochs.wanted()[0].upto, Epoch(BLOCK));
+        // Used up they are reported as not there, rather than given out twice.
+        let disk = BTreeMap::from([(mc(), Epoch(u64::MAX))]);
+        let mut epochs = Epochs::new([mc()].iter(), &disk);
+        assert_eq!((epochs.wanted(), epochs.take(&mc())), (vec![], None));
     }
 
     proptest! {

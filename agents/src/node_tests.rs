@@ -444,6 +444,12 @@ fn a_bid_says_what_is_true_now() {
     );
 }
 
+fn may_leave(behind: &[&str]) -> Message {
+    Message::MayLeave {
+        behind: behind.iter().map(|name| mc(name)).collect(),
+    }
+}
+
 #[test]
 fn it_leaves_when_it_may_and_nothing_runs() {
     let mut n = joined();
@@ -452,7 +458,7 @@ fn it_leaves_when_it_may_and_nothing_runs() {
     n.handle(Input::Local(NodeLocal::Terminate), Now(11));
     assert_eq!(kinds(&mut n), "leaving");
     // an order has crossed the word: what runs has to go first
-    n.handle(to_ca(Message::MayLeave), Now(12));
+    n.handle(to_ca(may_leave(&[])), Now(12));
     assert_eq!(kinds(&mut n), "");
     n.handle_timeout(Now(10 + LEAVING_REPEAT_US));
     assert_eq!(kinds(&mut n), "report leaving");
@@ -467,11 +473,24 @@ fn it_leaves_when_it_may_and_nothing_runs() {
         }),
         Now(200_000),
     );
-    n.handle(to_ca(Message::MayLeave), Now(200_001));
+    n.handle(to_ca(may_leave(&[])), Now(200_001));
     assert_eq!(kinds(&mut n), "mc-report LEAVE");
-    n.handle(to_ca(Message::MayLeave), Now(200_002));
+    n.handle(to_ca(may_leave(&[])), Now(200_002));
     n.handle_timeout(Now(LEAVING_WAIT_US * 2));
     assert_eq!(kinds(&mut n), "report");
+}
+
+#[test]
+fn what_nobody_else_can_take_is_left_behind_at_once() {
+    let mut n = joined();
+    active(&mut n);
+    n.handle(Input::Local(NodeLocal::Terminate), Now(10));
+    n.handle(to_ca(may_leave(&["Station2"])), Now(11));
+    assert_eq!(kinds(&mut n), "leaving", "Station1 has a place elsewhere");
+    n.handle(to_ca(may_leave(&["Station1", "Station2"])), Now(12));
+    assert!(outputs(&mut n).contains(&Output::Act(NodeAct::Leave {
+        left: vec![mc("Station1")]
+    })));
 }
 
 #[test]
@@ -496,7 +515,7 @@ fn a_leave_that_nobody_answers_is_bounded_and_says_what_is_left() {
     assert_eq!(
         text,
         Some(format!(
-            "controller2 leaves although Station1 could not be handed over within {seconds} s; the gateway will set the fail-safe values"
+            "controller2 leaves Station1 behind: not handed over within {seconds} s; the gateway will set the fail-safe values"
         ))
     );
     assert!(said.contains(&Output::Act(NodeAct::Leave {
@@ -533,7 +552,7 @@ fn messages_for_others_or_from_the_wrong_sender_change_nothing() {
         (
             AgentId::Manager,
             AgentId::Controller(ControllerId::new("controller1").unwrap()),
-            Message::MayLeave,
+            may_leave(&[]),
         ),
     ] {
         let envelope = Envelope {

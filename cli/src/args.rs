@@ -71,6 +71,8 @@ pub enum Command {
     Bench(crate::bench::BenchArgs),
     /// Run seeded schedules of faults against a whole simulated cell
     Simulate(crate::simulate::SimulateArgs),
+    /// Run the cell for hours with a random fault every few seconds, and keep a ledger
+    Soak(crate::soak::SoakArgs),
 }
 
 /// How to reach the cell.
@@ -140,6 +142,9 @@ pub struct ManagerArgs {
     /// File of the System Repository
     #[arg(long, value_name = "FILE", default_value = "fam-repository.redb")]
     pub repository: PathBuf,
+    /// SCHED_FIFO priority of the process, used where the machine allows it; 0 for normal scheduling
+    #[arg(long, value_name = "N", default_value_t = 6)]
+    pub priority: u8,
     /// Form of the log
     #[arg(long, value_enum, default_value = "plain")]
     pub log: LogArg,
@@ -171,6 +176,9 @@ pub struct NodeArgs {
     /// SCHED_FIFO priority of the scan thread, used where the machine allows it; 0 for normal scheduling
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub priority: u8,
+    /// SCHED_FIFO priority of the threads that send and receive, not above the scan thread's
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub link_priority: u8,
     /// Lock memory against paging, where allowed
     #[arg(long)]
     pub lock_memory: bool,
@@ -208,6 +216,10 @@ pub struct GatewayArgs {
     /// Publish what is applied behind the fence, for benchmarks and reports
     #[arg(long)]
     pub recorder: bool,
+    /// Apply every frame, whoever sends it: drives no plant safely
+    #[cfg(feature = "fence-off")]
+    #[arg(long)]
+    pub fence_off: bool,
     /// Form of the log
     #[arg(long, value_enum, default_value = "plain")]
     pub log: LogArg,
@@ -222,6 +234,9 @@ pub struct PlantArgs {
     /// Address of the status port (a request a line, an answer in JSON a line)
     #[arg(long, default_value = "127.0.0.1:1503")]
     pub status: SocketAddr,
+    /// SCHED_FIFO priority of the process, used where the machine allows it; 0 for normal scheduling
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    pub priority: u8,
     /// Seed: which parts come out of the feeders, in which order
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

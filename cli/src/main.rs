@@ -12,6 +12,7 @@ mod report;
 mod running;
 mod serve;
 mod simulate;
+mod soak;
 mod status;
 mod up;
 
@@ -44,18 +45,24 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Demo(args) => return demo::run(&args),
         Command::Bench(args) => return bench::run(&args).map(|()| true),
         Command::Simulate(args) => return simulate::run_schedules(&args),
+        Command::Soak(args) => return soak::run(&args),
         Command::Check(args) => return cell::check(&args.cell),
         Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
         _ => {}
     }
-    if let Command::Gateway(args) = &command {
-        serve::prefer_this_process(args.priority);
-    }
+    serve::prefer_this_process(match &command {
+        Command::Gateway(args) => args.priority,
+        Command::Manager(args) => args.priority,
+        Command::Plant(args) => args.priority,
+        Command::Node(args) => args.link_priority.min(args.priority),
+        _ => 0,
+    });
     fam_driver::runtime()?.block_on(async {
         match command {
             Command::Demo(_)
             | Command::Bench(_)
             | Command::Simulate(_)
+            | Command::Soak(_)
             | Command::Check(_)
             | Command::Generate(_) => {}
             Command::Up(args) => up::run(&args).await?,

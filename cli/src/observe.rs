@@ -4,7 +4,7 @@
 //! machine's monotonic clock, which this process shares, so that the moment of a signal can be compared with them.
 
 use anyhow::{Result, bail};
-use fam_driver::{Client, Subscription};
+use fam_driver::{Client, ClientError, Subscription};
 use fam_gateway::recording::fetch;
 use fam_proto::codec;
 use fam_proto::{
@@ -222,6 +222,23 @@ impl Observer {
                 .command(what, COMMAND_WITHIN, |_| {})
                 .await?)
         })
+    }
+
+    /// Gives an operator's command without waiting for its end; `then` gets it.
+    pub fn command_along(
+        &self,
+        what: CommandKind,
+        then: impl FnOnce(Result<String, ClientError>) + Send + 'static,
+    ) {
+        let client = self.commands.clone();
+        self.runtime.spawn(async move {
+            let result = client
+                .lock()
+                .await
+                .command(what, COMMAND_WITHIN, |_| {})
+                .await;
+            then(result);
+        });
     }
 
     /// Runs something asynchronous on the observer's runtime.

@@ -70,6 +70,11 @@ impl Process {
         &self.name
     }
 
+    /// Its number in the system.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Its log.
     pub fn log(&self) -> &Path {
         &self.log

@@ -22,6 +22,8 @@ pub struct Setup {
     pub run_dir: PathBuf,
     /// What the nodes connect to in place of manager and gateway (a relay that can be cut), by controller.
     pub detour: BTreeMap<String, Vec<String>>,
+    /// Runs the gateway without its fence; only a build with the feature of this name takes it.
+    pub fence_off: bool,
 }
 
 /// The running cell.
@@ -155,6 +157,9 @@ impl Running {
         if self.setup.plant {
             args.extend(["--field", &modbus]);
         }
+        if self.setup.fence_off {
+            args.push("--fence-off");
+        }
         self.gateway = Some(self.spawn("gateway", &args)?);
         Ok(())
     }
@@ -282,6 +287,30 @@ impl Running {
             .take()
             .ok_or_else(|| anyhow!("the gateway is not running"))?
             .kill()
+    }
+
+    /// Sends a signal to any running process: `plant`, `gateway`, `manager`, or a controller.
+    ///
+    /// # Errors
+    /// If it is not running.
+    pub fn signal(&self, name: &str, signal: Signal) -> Result<()> {
+        self.all()
+            .find(|p| p.name() == name)
+            .ok_or_else(|| anyhow!("{name} is not running"))?
+            .signal(signal)
+    }
+
+    /// Names and numbers of the running processes.
+    pub fn pids(&self) -> Vec<(String, u32)> {
+        self.all().map(|p| (p.name().to_owned(), p.pid())).collect()
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Process> {
+        self.plant
+            .iter()
+            .chain(&self.gateway)
+            .chain(&self.manager)
+            .chain(self.nodes.values())
     }
 
     /// Names of processes that have ended by themselves, with the end of their logs.

@@ -82,6 +82,8 @@ pub async fn gateway(a: GatewayArgs) -> Result<()> {
         connect: a.connect,
         field_address: a.field,
         stream_applied: a.recorder,
+        #[cfg(feature = "fence-off")]
+        fence_off: a.fence_off,
         ..GatewayOptions::new(a.cell, a.records)
     };
     fam_gateway::run(options, ended()).await

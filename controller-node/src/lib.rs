@@ -9,9 +9,9 @@
 //!                             NodeAgents <-- news ------ + <------- news ---------+
 //! ```
 //!
-//! The scan thread waits for nothing but the next tick: images lie in a lock-free mailbox ([`mailbox`]), commands and
-//! frames pass through bounded queues, and it never puts anything on the network. A watchdog thread ends endless loops,
-//! by the scan thread's own CPU time.
+//! The scan thread waits for nothing but the next tick or the start of an interrupted MC: images lie in a lock-free
+//! mailbox ([`mailbox`]), commands and frames pass through bounded queues, and it never puts anything on the network. A
+//! watchdog thread ends endless loops, by the scan thread's own CPU time.
 
 mod cache;
 mod cpu;

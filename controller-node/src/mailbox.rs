@@ -1,7 +1,7 @@
 //! Where Zenoh's thread leaves the newest image of each gateway for the scan thread. Neither waits for the other.
 
 use arc_swap::ArcSwapOption;
-use fam_proto::{BootId, GatewayId, ImageNumber, InputImage, Now};
+use fam_proto::{GatewayId, ImageNumber, InputImage, Now};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex};
 
@@ -83,6 +83,7 @@ impl Mailbox {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fam_proto::BootId;
 
     fn image(boot: u64, number: u64) -> Arc<InputImage> {
         Arc::new(InputImage {

@@ -76,6 +76,13 @@ fn fifo(priority: u8) -> std::io::Result<()> {
     }
 }
 
+/// Takes a real-time priority that it may have inherited from the calling thread, and so from those that it starts.
+pub(crate) fn normal_priority() {
+    let parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: pid 0 is the calling thread, and the parameters are valid for the call. Everybody may have less priority.
+    unsafe { libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const parameters) };
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,6 @@
 //! The replica thread: frames of other nodes into the passive instances, instances to the scan thread and back.
 
-use crate::cpu::monotonic_ns;
+use crate::cpu::{Bell, monotonic_ns};
 use crate::shared::Shared;
 use crate::trace::{Point, Trace};
 use crossbeam_channel::{Receiver, Sender, select_biased};
@@ -36,6 +36,7 @@ pub(crate) struct ReplicaThread<R> {
     pub jobs: Receiver<ReplicaJob<R>>,
     pub frames: Receiver<(McId, FrameBytes)>,
     pub commands: Sender<ScanCommand<R>>,
+    pub bell: Arc<Bell>,
     pub news: UnboundedSender<NodeLocal>,
     pub shared: Arc<Shared>,
     pub link: Link,
@@ -83,8 +84,9 @@ impl<R: McRuntime> ReplicaThread<R> {
             ReplicaOutcome::Activate(active) => ScanCommand::Activate(active),
             ReplicaOutcome::PassOn(act) => ScanCommand::Act { mc, act },
         };
-        // The scan thread empties the queue at each tick; this thread may wait for it.
+        // The scan thread empties the queue when it is rung for, and at each tick; this thread may wait for it.
         let _ = self.commands.send(command);
+        self.bell.ring();
     }
 
     fn tell(&self, mc: usize, news: McNews) {

@@ -1,6 +1,6 @@
 //! Starts and ends a controller node.
 
-use crate::cpu::ThreadClock;
+use crate::cpu::{Bell, ThreadClock};
 use crate::hosted::{self, Hosted};
 use crate::mailbox::Mailbox;
 use crate::real_time::{self, RealTimeOptions};
@@ -139,12 +139,14 @@ pub async fn run(
         .zip(hosted.runtimes)
         .map(|(spec, runtime)| Replica::new(spec.clone(), owner.clone(), runtime));
 
+    let bell = Arc::new(Bell::default());
     let mut threads = Vec::new();
     let replica_thread = ReplicaThread {
         replicas: replicas.collect(),
         jobs: jobs_out,
         frames: frames_out,
         commands: commands_in,
+        bell: bell.clone(),
         news: news.clone(),
         shared: shared.clone(),
         link: link.clone(),
@@ -168,6 +170,7 @@ pub async fn run(
         mailbox: mailbox.clone(),
         shared: shared.clone(),
         commands: commands_out,
+        bell,
         host: Host {
             shared: shared.clone(),
             doing: doing.clone(),
@@ -277,6 +280,8 @@ async fn load(
     let (cell, controller) = (options.cell.clone(), options.controller.clone());
     let (cache, engine) = (options.cache.clone(), engine.clone());
     tokio::task::spawn_blocking(move || {
+        // Compiling takes seconds of CPU time, which no running MC may miss.
+        real_time::normal_priority();
         let built =
             fam_engineering::build(&cell).map_err(|problems| anyhow::anyhow!("{problems}"))?;
         for warning in &built.warnings {

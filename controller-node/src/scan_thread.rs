@@ -1,8 +1,8 @@
 //! The scan thread: absolute deadlines on the monotonic clock; commands, images, one tick of the core, and again.
 //!
-//! It waits for nothing but its next tick. What it has for others goes into queues with room for it or is counted as lost.
+//! It waits for nothing but its next tick, and for the command that makes an interrupted MC start before it. What it has for others goes into queues with room for it or is counted as lost.
 
-use crate::cpu::{ThreadClock, monotonic_ns, sleep_until_ns, thread_ns};
+use crate::cpu::{Bell, ThreadClock, monotonic_ns, thread_ns};
 use crate::mailbox::Mailbox;
 use crate::real_time::{self, RealTimeOptions};
 use crate::replica_thread::ReplicaJob;
@@ -50,6 +50,8 @@ pub(crate) struct ScanThread<R> {
     pub mailbox: Arc<Mailbox>,
     pub shared: Arc<Shared>,
     pub commands: Receiver<ScanCommand<R>>,
+    /// Rung for each command.
+    pub bell: Arc<Bell>,
     pub host: Host<R>,
     /// Full histograms out, empty ones back.
     pub jitter_out: Sender<Jitter>,
@@ -124,8 +126,15 @@ impl<R: McRuntime> ScanThread<R> {
         let mut jitter = self.jitter_back.try_recv().ok();
         let mut next_ns = monotonic_ns() + tick_ns;
         let mut jitter_ns = next_ns + JITTER_EVERY_NS;
+        let mut heard = 0;
         while !self.shared.stopped() {
-            sleep_until_ns(next_ns);
+            self.bell.wait_until_ns(next_ns, heard);
+            let rings = self.bell.rings();
+            if rings != heard {
+                heard = rings;
+                self.between_ticks(fam_driver::now());
+                continue;
+            }
             let began_ns = monotonic_ns();
             let late_ns = began_ns.saturating_sub(next_ns);
             if late_ns > tick_ns / 2 {
@@ -153,14 +162,23 @@ impl<R: McRuntime> ScanThread<R> {
     }
 
     fn tick(&mut self, now: Now) {
+        self.take_what_came(now);
+        self.core.tick(now, &mut self.host);
+        self.shared.write_loads(self.core.loads(now));
+    }
+
+    fn between_ticks(&mut self, now: Now) {
+        self.take_what_came(now);
+        self.core.start_at_once(now, &mut self.host);
+    }
+
+    fn take_what_came(&mut self, now: Now) {
         while let Ok(command) = self.commands.try_recv() {
             self.core.command(command, now, &mut self.host);
         }
         let core = &mut self.core;
         self.mailbox
             .each(|stamped| core.image(stamped.image.clone(), stamped.at));
-        self.core.tick(now, &mut self.host);
-        self.shared.write_loads(self.core.loads(now));
     }
 
     /// Gives the histogram out if an empty one is there to go on with.

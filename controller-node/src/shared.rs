@@ -79,7 +79,7 @@ impl Shared {
                 (&cell.epoch, epoch.0),
                 (&cell.scans, work.scans),
                 (&cell.cpu_ns, work.cpu_ns),
-                (&cell.max_ns, work.max_ns),
+                (&cell.max_ns, work.max_ns()),
                 (&cell.lag_us, lag_us),
                 (&cell.starved, work.starved),
                 (&cell.unsent, work.unsent),

@@ -332,7 +332,10 @@ async fn a_node_registers_runs_follows_and_hands_over_before_it_ends() {
             })
         })
         .await;
-    played.say(AgentId::Controller(first.clone()), Message::MayLeave);
+    played.say(
+        AgentId::Controller(first.clone()),
+        Message::MayLeave { behind: Vec::new() },
+    );
     let node = nodes.remove(0);
     played.until("the node ends", |_| node.is_finished()).await;
     node.await.unwrap().unwrap();

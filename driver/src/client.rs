@@ -18,7 +18,7 @@ pub enum ClientError {
     Link(#[from] LinkError),
     /// Nobody listens at the endpoints.
     #[error(
-        "cannot reach the manager at {endpoints} (waited {waited_ms} ms): start it with `fam manager` or `fam up`, or give its endpoint with `--connect`"
+        "cannot reach the manager at {endpoints} (waited {waited_ms} ms): start it with `fam manager` or `fam up`, or give its endpoint with `--manager`"
     )]
     Unreachable {
         /// The endpoints tried.

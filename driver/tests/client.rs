@@ -23,7 +23,7 @@ async fn nobody_there_and_nobody_answering_are_told_apart() {
     assert_eq!(
         error.to_string(),
         format!(
-            "cannot reach the manager at {at} (waited 300 ms): start it with `fam manager` or `fam up`, or give its endpoint with `--connect`"
+            "cannot reach the manager at {at} (waited 300 ms): start it with `fam manager` or `fam up`, or give its endpoint with `--manager`"
         )
     );
     let (silent, _events) = Link::open(LinkOptions {

@@ -5,7 +5,9 @@ use crate::model::{Cell, InputFrom, McSpec, points};
 use crate::problem::{Explain, nearest};
 use crate::values::value_of;
 use fam_proto::McId;
-use fam_proto::model::{FieldPoint, InputPoint, InputSource, ModbusTable, OutputPoint, Place};
+use fam_proto::model::{
+    FieldPoint, InputPoint, InputSource, ModbusTable, Number, OutputPoint, Place,
+};
 use fam_soft_plc::check::tree::{Location, Root, TypedProject, Var, visit_places};
 use fam_soft_plc::diag::Diagnostic;
 use fam_soft_plc::types::{Elem, TypeId};
@@ -384,6 +386,7 @@ pub fn connect(
             inputs.push(InputPoint {
                 name: l.name.clone(),
                 place: l.place,
+                number: number(l.elem),
                 source,
             });
         }
@@ -395,11 +398,20 @@ pub fn connect(
         .map(|(l, field, _)| OutputPoint {
             name: l.name.clone(),
             place: l.place,
+            number: number(l.elem),
             field: field.as_ref().map(|f| f.get_ref().clone()),
         })
         .collect();
     outputs.sort_by_key(|p| bits(p.place));
     (inputs, outputs)
+}
+
+fn number(elem: Elem) -> Number {
+    match elem {
+        Elem::Real | Elem::Lreal => Number::Real,
+        Elem::Sint | Elem::Int | Elem::Dint | Elem::Lint => Number::Signed,
+        _ => Number::Unsigned,
+    }
 }
 
 #[allow(clippy::too_many_arguments)]

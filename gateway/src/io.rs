@@ -4,7 +4,7 @@
 use crate::field::image::Points;
 use fam_driver::{Link, LinkError, RequestError, Server};
 use fam_gateway_core::place;
-use fam_proto::model::{CellModel, FieldPoint, InputSource, McModel, ModbusTable};
+use fam_proto::model::{CellModel, FieldPoint, InputSource, McModel, ModbusTable, Number};
 use fam_proto::{CellId, GatewayId, InputImage, McId, keys};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -45,8 +45,11 @@ pub struct IoPoint {
     pub direction: Direction,
     /// Width in bits.
     pub bits: u32,
-    /// Its value, zero-extended.
+    /// Its value: the bits, zero-extended.
     pub value: u64,
+    /// How the bits are read.
+    #[serde(default)]
+    pub number: Number,
     /// Whether it was read in the newest cycle.
     pub fresh: bool,
     /// Where it comes from or goes to: `modbus:1/coil/0`, `image:X`, `mc:Transport.Y`; empty for a point itself.
@@ -146,8 +149,11 @@ impl IoView {
         let known = points.all();
         let mut parsed = Vec::new();
         for (name, text) in values {
-            let bits = known.get(name).map_or(64, |point| point.bits);
-            let value = parse_value(text, bits).map_err(|why| format!("`{name}`: {why}"))?;
+            let (bits, number) = known
+                .get(name)
+                .map_or((64, Number::Unsigned), |point| (point.bits, point.number));
+            let value =
+                parse_value(text, bits, number).map_err(|why| format!("`{name}`: {why}"))?;
             parsed.push((name.clone(), value));
         }
         points.set(&parsed).map_err(|error| error.to_string())?;
@@ -164,6 +170,7 @@ impl IoView {
                     direction: Direction::Point,
                     bits: point.bits,
                     value: point.value,
+                    number: point.number,
                     fresh: true,
                     place: String::new(),
                 });
@@ -177,6 +184,7 @@ impl IoView {
                     name: format!("{}.{}", mc.mc, input.name),
                     direction: Direction::Input,
                     bits: place::width_bits(input.place),
+                    number: input.number,
                     value: inputs
                         .and_then(|inputs| place::get(&inputs.bytes, input.place))
                         .unwrap_or(0),
@@ -193,6 +201,7 @@ impl IoView {
                     name: format!("{}.{}", mc.mc, output.name),
                     direction: Direction::Output,
                     bits: place::width_bits(output.place),
+                    number: output.number,
                     value: place::get(
                         outputs.map_or(&mc.fail_safe[..], |outputs| outputs),
                         output.place,
@@ -237,12 +246,12 @@ fn point_text(point: &FieldPoint) -> String {
     }
 }
 
-/// Reads a value as an engineer writes it: `TRUE`, `FALSE`, decimal with sign, `16#FF`, `8#17`, `2#1010`, `0xFF`; with a decimal
-/// point or exponent it is a REAL (32 bits) or LREAL (64 bits).
+/// Reads a value as an engineer writes it: `TRUE`, `FALSE`, decimal with sign, `16#FF`, `8#17`, `2#1010`, `0xFF`. A point
+/// that holds a real number takes decimals with or without point and exponent; only a value with a base gives its bits.
 ///
 /// # Errors
 /// What was expected, if it does not fit `bits`.
-pub fn parse_value(text: &str, bits: u32) -> Result<u64, String> {
+pub fn parse_value(text: &str, bits: u32, number: Number) -> Result<u64, String> {
     let plain = text.trim().replace('_', "");
     let lower = plain.to_ascii_lowercase();
     let max = if bits >= 64 {
@@ -251,11 +260,9 @@ pub fn parse_value(text: &str, bits: u32) -> Result<u64, String> {
         (1 << bits) - 1
     };
     let expected = || {
-        let kind = match bits {
-            1 => "TRUE, FALSE, 0 or 1".to_owned(),
-            32 | 64 => {
-                format!("a number of {bits} bits (`12`, `-3`, `16#FF`, or `2.5` for a real)")
-            }
+        let kind = match (bits, number) {
+            (1, _) => "TRUE, FALSE, 0 or 1".to_owned(),
+            (_, Number::Real) => "a real number (`2.5`, `-3`, `1e3`)".to_owned(),
             _ => format!("a number of {bits} bits (`12`, `-3` or `16#FF`)"),
         };
         format!("`{text}` does not fit: expected {kind}")
@@ -263,26 +270,42 @@ pub fn parse_value(text: &str, bits: u32) -> Result<u64, String> {
     let radix = [("16#", 16), ("0x", 16), ("8#", 8), ("2#", 2)]
         .into_iter()
         .find_map(|(prefix, radix)| Some((lower.strip_prefix(prefix)?, radix)));
-    let value = if lower == "true" {
+    let value = if let Some((digits, radix)) = radix {
+        u64::from_str_radix(digits, radix).ok()
+    } else if number == Number::Real {
+        match bits {
+            32 => plain.parse::<f32>().ok().map(|v| u64::from(v.to_bits())),
+            _ => plain.parse::<f64>().ok().map(f64::to_bits),
+        }
+    } else if lower == "true" {
         Some(1)
     } else if lower == "false" {
         Some(0)
-    } else if let Some((digits, radix)) = radix {
-        u64::from_str_radix(digits, radix).ok()
     } else if let Ok(value) = plain.parse::<u64>() {
+        // Positive numbers up to the width are taken for signed points too: some devices count past the sign.
         Some(value)
     } else if let Ok(value) = plain.parse::<i64>() {
         // A negative number has to fit as a signed one of this width.
         let fits = bits > 1 && (bits >= 64 || value >= -(1 << (bits - 1)));
         fits.then_some(value.cast_unsigned() & max)
     } else {
-        match bits {
-            32 => plain.parse::<f32>().ok().map(|v| u64::from(v.to_bits())),
-            64 => plain.parse::<f64>().ok().map(f64::to_bits),
-            _ => None,
-        }
+        None
     };
     value.filter(|value| *value <= max).ok_or_else(expected)
+}
+
+/// The value as [`parse_value`] reads it.
+fn value_text(point: &IoPoint) -> String {
+    match (point.number, point.bits) {
+        (Number::Real, 32) => f32::from_bits(point.value as u32).to_string(),
+        (Number::Real, _) => f64::from_bits(point.value).to_string(),
+        (Number::Signed, 1..=63) => {
+            let unused = 64 - point.bits;
+            ((point.value << unused).cast_signed() >> unused).to_string()
+        }
+        (Number::Signed, _) => point.value.cast_signed().to_string(),
+        (Number::Unsigned, _) => point.value.to_string(),
+    }
 }
 
 /// Points as CSV: `name,direction,bits,value,fresh,place`.
@@ -299,7 +322,7 @@ pub fn to_csv(points: &[IoPoint]) -> String {
             "{},{direction},{},{},{},{}\n",
             quote(&point.name),
             point.bits,
-            point.value,
+            value_text(point),
             point.fresh,
             quote(&point.place)
         ));

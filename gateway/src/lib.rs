@@ -13,8 +13,8 @@ pub mod io;
 mod pace;
 mod process;
 pub mod recording;
-pub mod records;
 
+pub use fam_gateway_records as records;
 pub use process::{CONNECT, GatewayOptions, LISTEN, run, run_model};
 
 #[cfg(test)]

@@ -200,7 +200,7 @@ fn choose(model: &CellModel, wanted: Option<&GatewayId>) -> anyhow::Result<Gatew
         (None, all) => {
             let names: Vec<_> = all.iter().map(|g| g.gateway.as_str()).collect();
             anyhow::bail!(
-                "the cell {} has {} gateways ({}): say which one with --name",
+                "the cell {} has {} gateways ({}): say which one: fam gateway <name>",
                 model.cell,
                 all.len(),
                 names.join(", ")

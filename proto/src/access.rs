@@ -62,6 +62,8 @@ pub struct Activation {
     pub outputs: Vec<u8>,
     /// Number of the first scan.
     pub next_scan: Scan,
+    /// The epoch before was interrupted, so that a cycle or more is missing: the first scan does not wait for the next tick.
+    pub at_once: bool,
 }
 
 /// What an epoch starts from.

@@ -214,6 +214,9 @@ impl Value {
 impl MaskVariable {
     fn read(self, state: &[u8]) -> Option<Value> {
         let width = self.of.bytes();
+        if !(1..=8).contains(&width) {
+            return None; // no type of ours
+        }
         let from = self.offset as usize;
         let bytes = state.get(from..from.checked_add(width)?)?;
         let mut wide = [0; 8];

@@ -1,5 +1,6 @@
 //! Names and numbers that identify things in a cell.
 
+use crate::mark::{Mark, hash_marked};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
@@ -106,15 +107,20 @@ name_type!(
 );
 
 macro_rules! number_type {
-    ($(#[$doc:meta])* $name:ident) => {
+    ($(#[$doc:meta])* $name:ident, $mark:ident) => {
         $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
         pub struct $name(pub u64);
+        impl std::hash::Hash for $name {
+            fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+                hash_marked(Mark::$mark, self.0, state);
+            }
+        }
         impl $name {
-            /// The next higher number.
+            /// The next higher number. At the end of all numbers it stays: nothing then counts as newer.
             #[must_use]
             pub fn next(self) -> Self {
-                Self(self.0 + 1)
+                Self(self.0.saturating_add(1))
             }
         }
         impl fmt::Display for $name {
@@ -127,27 +133,27 @@ macro_rules! number_type {
 
 number_type!(
     /// Grows with each activation of an MC: the fencing token that its frames carry. 0 is before the first.
-    Epoch
+    Epoch, Epoch
 );
 number_type!(
     /// Number of a scan of an MC, counted over its whole life: epochs do not restart it.
-    Scan
+    Scan, Scan
 );
 number_type!(
     /// Tells two runs of one process apart; a later run has a higher number.
-    BootId
+    BootId, Boot
 );
 number_type!(
     /// Number of an input image of one gateway; grows across restarts of the gateway too.
-    ImageNumber
+    ImageNumber, Image
 );
 number_type!(
     /// Number of an order of the Middleware Manager: a repeated order keeps its number.
-    OrderId
+    OrderId, Order
 );
 number_type!(
     /// Number of a plan, and so the generation of the assignment that it leads to.
-    PlanId
+    PlanId, Plan
 );
 
 /// Who drives an MC: a controller in one of its lives. A controller that comes back has a new boot id and owns nothing.

@@ -8,6 +8,7 @@
 //! - [`agent`]: the interface of every state machine in FAM.
 //! - [`codec`]: the one module that knows the binary format (bincode), its limits and its version check.
 //! - [`keys`]: Zenoh key expressions as text.
+//! - [`mark`]: how moments and growing numbers are hashed, for whoever explores states.
 //! - [`v1`]: the frozen wire and disk types of version 1: frames, input images, records, messages, events.
 //! - [`delta`]: how a checkpoint is told as a difference to an earlier one.
 //! - [`diagnosis`]: masks over a serialized state, and the decision that they lead to.
@@ -20,6 +21,7 @@ pub mod delta;
 pub mod diagnosis;
 pub mod ids;
 pub mod keys;
+pub mod mark;
 pub mod model;
 pub mod now;
 pub mod v1;

@@ -136,6 +136,21 @@ pub enum InputSource {
     },
 }
 
+/// How the bits of a point are read as a number.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum Number {
+    /// BOOL, bit strings, unsigned integers, and all that is no number.
+    #[default]
+    Unsigned,
+    /// Signed integers.
+    Signed,
+    /// REAL and LREAL.
+    Real,
+}
+
 /// One input of an MC.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct InputPoint {
@@ -143,6 +158,8 @@ pub struct InputPoint {
     pub name: String,
     /// Where it lies in the input image.
     pub place: Place,
+    /// How its bits are read.
+    pub number: Number,
     /// Where it comes from.
     pub source: InputSource,
 }
@@ -154,6 +171,8 @@ pub struct OutputPoint {
     pub name: String,
     /// Where it lies in the output image.
     pub place: Place,
+    /// How its bits are read.
+    pub number: Number,
     /// The field point that it drives; `None` for an export.
     pub field: Option<FieldPoint>,
 }

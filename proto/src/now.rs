@@ -1,12 +1,17 @@
 //! Time as an argument: a count of microseconds on a monotonic clock whose zero the driver chooses.
 
+use crate::mark::{Mark, hash_marked};
 use serde::{Deserialize, Serialize};
 
 /// A moment on one process's monotonic clock, in microseconds. Moments of two processes are never compared.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 pub struct Now(pub u64);
+
+impl std::hash::Hash for Now {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        hash_marked(Mark::Now, self.0, state);
+    }
+}
 
 impl Now {
     /// The moment `us` microseconds later.

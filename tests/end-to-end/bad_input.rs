@@ -237,3 +237,38 @@ fn io_without_a_gateway_says_so() {
     assert_eq!(out.status.code(), Some(2));
     says(&String::from_utf8_lossy(&out.stderr), &[&endpoint]);
 }
+
+#[test]
+fn a_field_device_that_stops_answering_is_named_and_found_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let (modbus, status) = (
+        format!("127.0.0.1:{}", free_port()),
+        format!("127.0.0.1:{}", free_port()),
+    );
+    let start_plant = || Fam::start(&["plant", "--modbus", &modbus, "--status", &status]);
+    let mut plant = start_plant();
+    plant.wait_for(&[&modbus]);
+    let cell = project("deploy/fms200/cell.toml").display().to_string();
+    let records = dir.path().join("records.bin").display().to_string();
+    let gateway = Fam::start(&[
+        "gateway",
+        "gateway1",
+        "--cell",
+        &cell,
+        "--listen",
+        "tcp/127.0.0.1:0",
+        "--connect",
+        &format!("tcp/127.0.0.1:{}", free_port()),
+        "--records",
+        &records,
+        "--field",
+        &modbus,
+    ]);
+    gateway.wait_for(&["serves", &modbus]);
+    plant.child.kill().unwrap();
+    plant.child.wait().unwrap();
+    gateway.wait_for(&["field device", "does not answer", "inputs are not fresh"]);
+    let plant = start_plant();
+    plant.wait_for(&[&modbus]);
+    gateway.wait_for(&["field device", " answers"]);
+}

@@ -61,26 +61,71 @@ fn mcs_are_placed_moved_drained_and_survive_a_crash() {
     drop(third);
 }
 
+/// What the generated Control POU is for: the new owner recovers the interrupted interval first, and goes on from the state
+/// that was applied last. A Control that forgets `wasActive` runs the logic at once, or never gets out of the recovery.
+#[test]
+fn an_interrupted_interval_is_recovered_first_and_the_state_goes_on() {
+    let cell = ImageCell::start();
+    let mut nodes = ["controller1", "controller2"].map(|name| (name, cell.node(name)));
+    wait_up(&cell, "controller1");
+    wait_up(&cell, "controller2");
+    let owner = until("Feeder runs", || cell.runs_on("Feeder"));
+    cell.set(&["RamUp=1", "PusherHome=1", "Weight=4000", "Start=1"]);
+    cell.wait_point("Feeder.PusherExtend", "1");
+    cell.set(&["Start=0", "PusherOut=1"]);
+    cell.wait_point("Feeder.FedParts", "1");
+    cell.wait_point("Press.LastWeight", "1");
+    // The second part: the pusher is under way when its controller dies.
+    cell.set(&["PusherOut=0", "Start=1"]);
+    cell.wait_point("Feeder.PusherExtend", "1");
+    cell.set(&["PusherHome=0"]);
+    let driving = nodes.iter_mut().find(|(name, _)| *name == owner);
+    driving.unwrap().1.child.kill().unwrap();
+    cell.wait_point("Feeder.PusherExtend", "0");
+    assert_ne!(cell.runs_on("Feeder").unwrap(), owner);
+    assert_eq!(
+        cell.get("Feeder.FedParts").unwrap(),
+        "1",
+        "nothing is forgotten"
+    );
+    cell.set(&["PusherHome=1"]);
+    cell.wait_point("Feeder.PusherExtend", "1");
+    cell.set(&["PusherOut=1"]);
+    cell.wait_point("Feeder.FedParts", "2");
+}
+
 #[test]
 fn a_stopped_mc_stays_stopped_until_its_reset() {
     let cell = ImageCell::start();
     let _node = cell.node("controller1");
     cell.wait_runs_on("Feeder", "controller1");
-    cell.operate(&["stop", "Feeder"]);
-    until("Feeder is stopped", || {
-        let status = cell.status()?;
-        (status["mcs"]
-            .as_array()?
-            .iter()
-            .find(|m| m["mc"] == "Feeder")?["record"]
-            == "stopped")
-            .then_some(())
-    });
+    cell.set(&["PusherHome=1", "PusherOut=1", "Start=1"]);
+    cell.wait_point("Feeder.FedParts", "1");
+    cell.set(&["Start=0", "PusherOut=0"]);
+    let stop = || {
+        cell.operate(&["stop", "Feeder"]);
+        until("Feeder is stopped", || {
+            let status = cell.status()?;
+            let mcs = status["mcs"].as_array()?;
+            let feeder = mcs.iter().find(|m| m["mc"] == "Feeder")?;
+            (feeder["record"] == "stopped").then_some(())
+        });
+    };
+    stop();
     let (code, _, err) = cell.try_operate(&["move", "Feeder", "--to", "controller1"]);
     assert_ne!(code, 0);
     assert!(err.contains("reset"), "the refusal says what to do: {err}");
+    cell.wait_point("Feeder.PartReady", "0");
+    // Warm: what is retained (the count) stays, the step (a part on offer) does not.
+    cell.operate(&["reset", "Feeder", "--warm"]);
+    cell.wait_runs_on("Feeder", "controller1");
+    cell.set(&["Start=1"]);
+    cell.wait_point("Feeder.PusherExtend", "1");
+    assert_eq!(cell.get("Feeder.FedParts").unwrap(), "1");
+    stop();
     cell.operate(&["reset", "Feeder", "--cold"]);
     cell.wait_runs_on("Feeder", "controller1");
+    cell.wait_point("Feeder.FedParts", "0");
 }
 
 #[test]
@@ -156,20 +201,7 @@ fn points_are_set_and_read_as_csv() {
     let cell = ImageCell::start();
     let _node = cell.node("controller1");
     cell.wait_runs_on("Feeder", "controller1");
-    let io = |args: &[&str]| {
-        let mut all = vec!["io"];
-        all.extend(args);
-        all.extend([
-            "--name",
-            "two_stations",
-            "--endpoint",
-            cell.gateway_endpoint.as_str(),
-            "--gateway",
-            "gateway1",
-        ]);
-        support::run(&all)
-    };
-    let (code, out, err) = io(&["get"]);
+    let (code, out, err) = cell.io(&["get"]);
     assert_eq!(code, 0, "{err}");
     assert!(out.starts_with("name,direction,bits,value"), "{out}");
     let point = out
@@ -180,10 +212,10 @@ fn points_are_set_and_read_as_csv() {
         .next()
         .unwrap()
         .to_owned();
-    let (code, _, err) = io(&["set", "NoSuchPoint=1"]);
+    let (code, _, err) = cell.io(&["set", "NoSuchPoint=1"]);
     assert_ne!(code, 0);
     assert!(err.contains("NoSuchPoint"), "{err}");
-    let (code, out, err) = io(&["get", &point]);
+    let (code, out, err) = cell.io(&["get", &point]);
     assert_eq!(code, 0, "{err}");
     assert_eq!(out.lines().count(), 2, "{out}");
 }

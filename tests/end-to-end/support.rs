@@ -275,6 +275,37 @@ impl ImageCell {
             .then(|| mc["owner"].as_str().map(str::to_owned))?
     }
 
+    /// `fam io ...` on its gateway; gives exit code, standard output and standard error.
+    pub fn io(&self, args: &[&str]) -> (i32, String, String) {
+        let mut all = vec!["io"];
+        all.extend(args);
+        all.extend(["--name", "two_stations", "--gateway", "gateway1"]);
+        all.extend(["--endpoint", &self.gateway_endpoint]);
+        run(&all)
+    }
+
+    /// Sets points of the field.
+    pub fn set(&self, values: &[&str]) {
+        let mut args = vec!["set"];
+        args.extend(values);
+        let (code, _, err) = self.io(&args);
+        assert_eq!(code, 0, "{err}");
+    }
+
+    /// Value of a point of the field.
+    pub fn get(&self, point: &str) -> Option<String> {
+        let (code, out, _) = self.io(&["get", point]);
+        let row = out.lines().nth(1).filter(|_| code == 0)?;
+        row.split(',').nth(3).map(str::to_owned)
+    }
+
+    /// Waits until a point has this value.
+    pub fn wait_point(&self, point: &str, value: &str) {
+        until(&format!("{point} is {value}"), || {
+            (self.get(point)? == value).then_some(())
+        });
+    }
+
     pub fn wait_runs_on(&self, mc: &str, controller: &str) {
         until(&format!("{mc} runs on {controller}"), || {
             (self.runs_on(mc)? == controller).then_some(())

@@ -288,6 +288,7 @@ impl McAgent {
             keep_action: decision.keep_action,
             outputs: grant.outputs.clone(),
             next_scan: grant.next_scan,
+            at_once: grant.interrupted,
         })));
         opening.step = Step::Starting(Starting {
             base: grant.base,

@@ -17,12 +17,14 @@ mod words;
 use crate::cell_view::CellView;
 use crate::monitor::Qualities;
 use crate::planner::Solution;
+use fam_proto::mark::{Mark, hash_marked};
 use fam_proto::{
     AgentId, Award, Bid, BootId, CallForProposals, Cause, ControllerId, Envelope, Holding, McId,
     Message, Move, MoveKind, Now, Owner, Plan, QosEvent,
 };
 use problem::Free;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::hash::{Hash, Hasher};
 
 /// After the last bid, what the MCAs hold is waited for this long at most, in microseconds.
 pub const HOLDINGS_GRACE_US: u64 = 1_000;
@@ -79,7 +81,7 @@ struct Task {
     wish: Option<Wish>,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct Negotiation {
     id: u64,
     task: Task,
@@ -89,6 +91,22 @@ struct Negotiation {
     holdings: BTreeMap<(ControllerId, McId), Holding>,
     deadline: Now,
     last_bid: Option<Now>,
+}
+
+// Its number stands in each bid that counts, and is hashed once.
+impl Hash for Negotiation {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        hash_marked(Mark::Negotiation, self.id, state);
+        (&self.task, &self.mcs, &self.asked).hash(state);
+        for bid in self.bids.values() {
+            (&bid.owner, &bid.offers, bid.workload_permille).hash(state);
+            (bid.memory_free_kb, bid.image_age_us, &bid.criteria).hash(state);
+        }
+        for (key, holding) in &self.holdings {
+            (key, &holding.owner, holding.held).hash(state);
+        }
+        (self.deadline, self.last_bid).hash(state);
+    }
 }
 
 impl Negotiation {
@@ -128,7 +146,7 @@ impl Negotiation {
 }
 
 /// The agent.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Decision {
     boot: BootId,
     last_id: u64,
@@ -137,6 +155,17 @@ pub struct Decision {
     /// Who took part in the negotiation that led to a plan, until that is checked.
     open_award: Option<(u64, BTreeSet<ControllerId>)>,
     out: VecDeque<Decided>,
+}
+
+impl Hash for Decision {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        hash_marked(Mark::Negotiation, self.last_id, state);
+        (self.boot, &self.waiting, &self.current, &self.out).hash(state);
+        self.open_award
+            .as_ref()
+            .map(|(_, bidders)| bidders)
+            .hash(state);
+    }
 }
 
 impl Decision {

@@ -27,13 +27,13 @@ pub(super) fn why(
     }
     let stay = built.problem.peak_ppm(&built.stay());
     let mut peak = format!(
-        "highest workload {} of the limit before, {} after",
+        "highest worst-case load {} of the limit before, {} after",
         percent(stay),
         percent(solution.peak_ppm)
     );
     if moves.is_empty() {
         peak = format!(
-            "highest workload {} of the limit, the best plan has {}",
+            "highest worst-case load {} of the limit, the best plan has {}",
             percent(stay),
             percent(solution.peak_ppm)
         );

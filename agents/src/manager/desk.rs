@@ -10,6 +10,7 @@ use fam_proto::{
     Severity,
 };
 use std::collections::{BTreeMap, VecDeque};
+use std::hash::{Hash, Hasher};
 
 /// What a ticket at the repository stands for.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -24,7 +25,7 @@ pub(super) enum Ticket {
     Event,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Desk {
     boot: BootId,
     first: VecDeque<ManagerOutput>,
@@ -37,6 +38,17 @@ pub(super) struct Desk {
     wall: Option<(Now, u64)>,
     /// What the repository said when it failed; `None` while it writes.
     pub(super) repository_failed: Option<String>,
+}
+
+// The history is told and not acted on: it is no part of the state, and neither is how often the repository was asked.
+impl Hash for Desk {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.boot.hash(state);
+        self.first.hash(state);
+        self.later.hash(state);
+        self.tickets.hash(state);
+        self.repository_failed.hash(state);
+    }
 }
 
 impl Desk {

@@ -2,6 +2,7 @@
 
 use fam_proto::{AgentId, BootId, McId, Message, Now, Order, OrderId, OrderKind};
 use std::collections::BTreeMap;
+use std::hash::{Hash, Hasher};
 
 /// The first repetitions follow this close, in microseconds.
 pub const REPEAT_FAST_US: u64 = 5_000;
@@ -21,10 +22,17 @@ struct Outgoing {
 }
 
 /// All orders that are not received yet.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Orders {
     last: u64,
     outgoing: BTreeMap<OrderId, Outgoing>,
+}
+
+impl Hash for Orders {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        OrderId(self.last).hash(state);
+        self.outgoing.hash(state);
+    }
 }
 
 impl Orders {

@@ -10,7 +10,7 @@ use fam_proto::{
 use std::collections::BTreeSet;
 
 /// An MC that finds no place is an alarm after so many tries, or at once where nobody could be asked.
-const TRIES_BEFORE_ALARM: u32 = 3;
+pub(super) const TRIES_BEFORE_ALARM: u32 = 3;
 /// So many causes are remembered as told.
 const TOLD_MAX: usize = 256;
 
@@ -265,10 +265,8 @@ impl MiddlewareManager {
             if let Some(controller) = leaves {
                 let text = format!("{controller} leaves although nobody can take {mc}: {why}");
                 let event = Event::new(Severity::Alarm, EventKind::McUnplaced, text);
-                let told = self.view.controllers[&controller].may_leave;
-                if !told {
+                if self.leave_behind(&controller, mc) {
                     self.event(event.mc(mc).controller(&controller), now);
-                    self.may_leave(&controller);
                 }
                 continue;
             }

@@ -82,6 +82,7 @@ impl MiddlewareManager {
             there.report = None;
             there.leaving = false;
             there.may_leave = false;
+            there.behind.clear();
         }
         if changed {
             let write = RepoWrite::Registered(registration.clone());
@@ -352,8 +353,7 @@ impl MiddlewareManager {
         }
         there.heard = now;
         if there.may_leave {
-            self.desk
-                .send(AgentId::Controller(name.clone()), Message::MayLeave);
+            self.may_leave(name);
         } else if !there.leaving {
             there.leaving = true;
             let text = format!("{name} hands over its MCs and leaves");
@@ -419,9 +419,25 @@ impl MiddlewareManager {
     pub(super) fn may_leave(&mut self, name: &ControllerId) {
         if let Some(there) = self.view.controllers.get_mut(name) {
             there.may_leave = true;
-            self.desk
-                .send(AgentId::Controller(name.clone()), Message::MayLeave);
+            let behind = there.behind.iter().cloned().collect();
+            self.desk.send(
+                AgentId::Controller(name.clone()),
+                Message::MayLeave { behind },
+            );
         }
+    }
+
+    /// A controller that leaves may leave this MC behind. Returns whether that is new.
+    pub(super) fn leave_behind(&mut self, name: &ControllerId, mc: &McId) -> bool {
+        let new = self
+            .view
+            .controllers
+            .get_mut(name)
+            .is_some_and(|there| there.behind.insert(mc.clone()));
+        if new {
+            self.may_leave(name);
+        }
+        new
     }
 }
 

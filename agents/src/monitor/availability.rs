@@ -5,6 +5,7 @@
 
 use super::{Placement, QualityOfService};
 use crate::cell_view::{CellView, Loss, Need};
+use fam_proto::mark::{Mark, hash_marked};
 use fam_proto::{Cause, ControllerId, Epoch, McId, Now, QosEvent};
 use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
@@ -13,18 +14,29 @@ use std::hash::{Hash, Hasher};
 pub const RETRY_US: u64 = 100_000;
 /// The longest pause between two tries, in microseconds.
 const RETRY_MAX_US: u64 = 2_000_000;
+/// After so many tries the pause is the longest.
+const TRIES_LONGEST: u32 = 6;
 /// A controller whose newest input image is older than this can drive nothing, in microseconds.
 pub const IMAGE_STALE_US: u64 = 100_000;
 /// A replica so many scans behind the record follows closely: the gateway's copy is not needed.
 const CLOSE_SCANS: u64 = 8;
 
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct Raised {
     epoch: Epoch,
     kind: u8,
     version: u64,
     tries: u32,
     again: Now,
+}
+
+impl Hash for Raised {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (self.epoch, self.kind, self.again).hash(state);
+        hash_marked(Mark::Count, self.version, state);
+        // More tries than these make no longer pause.
+        self.tries.min(TRIES_LONGEST).hash(state);
+    }
 }
 
 /// The monitor.

@@ -6,6 +6,7 @@
 
 use super::{News, QualityOfService};
 use crate::cell_view::CellView;
+use fam_proto::mark::{Mark, hash_marked};
 use fam_proto::{Cause, ControllerId, Now, PlanId, QosEvent};
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{Hash, Hasher};
@@ -16,13 +17,20 @@ const FULL_PERMILLE: u32 = 1_000;
 const RETRY_PAUSES: u64 = 15;
 
 /// What was seen when no plan gained enough.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct Declined {
     until: Now,
     version: u64,
     generation: PlanId,
     spread_permille: u32,
     over: bool,
+}
+
+impl Hash for Declined {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (self.until, self.generation, self.spread_permille, self.over).hash(state);
+        hash_marked(Mark::Count, self.version, state);
+    }
 }
 
 /// The monitor.

@@ -211,6 +211,10 @@ impl Eq for Qualities {}
 
 impl Hash for Qualities {
     fn hash<H: Hasher>(&self, state: &mut H) {
-        self.bytes().hash(state);
+        // Fed directly: the marks of moments and numbers have to reach the hasher.
+        for quality in &self.0 {
+            quality.name().hash(state);
+            quality.digest(state);
+        }
     }
 }

@@ -225,7 +225,15 @@ impl Bench {
                 });
                 "refused".to_owned()
             }
-            Message::MayLeave => "may leave".to_owned(),
+            Message::MayLeave { behind } if behind.is_empty() => "may leave".to_owned(),
+            Message::MayLeave { behind } => format!(
+                "may leave {} behind",
+                behind
+                    .iter()
+                    .map(McId::as_str)
+                    .collect::<Vec<_>>()
+                    .join(",")
+            ),
             Message::CallForProposals(call) => {
                 self.call = Some(call.clone());
                 format!("call{}", list(&call.mcs))

@@ -335,7 +335,7 @@ fn the_last_node_may_leave_and_the_loss_is_named() {
     bench.script(&[
         (0, "up c1.1", "c1 registered"),
         (2, "image m1=open,c1.1,e3", ""),
-        (1_000, "leaving c1.1", "c1 may leave"),
+        (1_000, "leaving c1.1", "c1 may leave m1 behind"),
     ]);
     let alarm = bench.texts(EventKind::McUnplaced);
     assert!(

@@ -354,7 +354,7 @@ fn messages_that_do_not_fit_are_counted_and_change_nothing() {
         (own.clone(), 1, Message::Bid(bid.clone())),
         (own.clone(), 1, Message::McReport(report)),
         (AgentId::Manager, 1, Message::Leaving),
-        (own.clone(), 1, Message::MayLeave),
+        (own.clone(), 1, Message::MayLeave { behind: Vec::new() }),
         (own.clone(), 1, Message::Query(Query::Status)),
     ] {
         bench.handle(envelope(from, boot, body));

@@ -24,9 +24,10 @@ pub fn run(
     kind: FailoverKind,
     cycle_ms: u32,
     trials: usize,
+    fence_off: bool,
 ) -> Result<Map<String, Value>> {
     let mut cuts = BTreeMap::new();
-    let mut rig = Rig::start(cell, cycle_ms, |manager, gateway| {
+    let mut rig = Rig::start_with(cell, cycle_ms, fence_off, |manager, gateway| {
         let mut detour = BTreeMap::new();
         if kind == FailoverKind::Cut {
             for controller in PAIR {

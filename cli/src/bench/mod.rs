@@ -5,7 +5,7 @@ mod failover;
 mod moves;
 mod plan;
 mod quiet;
-mod relay;
+pub(crate) mod relay;
 mod rig;
 mod state;
 mod stats;
@@ -59,6 +59,10 @@ pub enum Bench {
         /// Number of trials
         #[arg(long, default_value_t = 100)]
         trials: usize,
+        /// Without the gateway's fence, to show what it is for
+        #[cfg(feature = "fence-off")]
+        #[arg(long)]
+        fence_off: bool,
     },
     /// Planned moves: gap between the last frame of the old controller and the first of the new
     Move {
@@ -118,7 +122,13 @@ pub fn run(args: &BenchArgs) -> Result<()> {
             kind,
             cycle_ms,
             trials,
-        } => failover::run(cell, *kind, *cycle_ms, *trials)?,
+            #[cfg(feature = "fence-off")]
+            fence_off,
+        } => {
+            #[cfg(not(feature = "fence-off"))]
+            let fence_off = &false;
+            failover::run(cell, *kind, *cycle_ms, *trials, *fence_off)?
+        }
         Bench::Move { cycle_ms, trials } => moves::run(cell, *cycle_ms, *trials)?,
         Bench::State { variables, trials } => state::run(*variables, *trials)?,
         Bench::Checkpoint {

@@ -16,7 +16,7 @@ const JOURNAL: Duration = Duration::from_secs(2);
 
 /// Moves one MC after the other to the other controller by the operator's command.
 pub fn run(cell: Option<&Path>, cycle_ms: u32, trials: usize) -> Result<Map<String, Value>> {
-    let mut rig = Rig::start(cell, cycle_ms, |_, _| Ok(std::collections::BTreeMap::new()))?;
+    let mut rig = Rig::start(cell, cycle_ms)?;
     rig.join(PAIR[0])?;
     rig.join(PAIR[1])?;
     let (mut gap_ms, mut total_ms, mut missed, mut stalled) = (Vec::new(), Vec::new(), 0, 0);

@@ -39,7 +39,7 @@ impl Drop for Load {
 
 /// Lets the cell run under load and counts takeovers that nobody asked for.
 pub fn run(cell: Option<&Path>, minutes: u64) -> Result<Map<String, Value>> {
-    let mut rig = Rig::start(cell, 5, |_, _| Ok(std::collections::BTreeMap::new()))?;
+    let mut rig = Rig::start(cell, 5)?;
     rig.join("controller1")?;
     rig.join("controller2")?;
     let load = Load::start();

@@ -27,10 +27,16 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Starts plant, gateway, manager. `detour` gives endpoints that a controller connects to in place of the real ones.
-    pub fn start(
+    /// Starts plant, gateway, manager.
+    pub fn start(cell: Option<&Path>, cycle_ms: u32) -> Result<Rig> {
+        Rig::start_with(cell, cycle_ms, false, |_, _| Ok(BTreeMap::new()))
+    }
+
+    /// As [`Rig::start`]; `detour` gives endpoints that a controller connects to in place of the real ones.
+    pub fn start_with(
         cell: Option<&Path>,
         cycle_ms: u32,
+        fence_off: bool,
         detour: impl FnOnce(&str, &str) -> Result<BTreeMap<String, Vec<String>>>,
     ) -> Result<Rig> {
         let run_dir = tempfile::Builder::new().prefix("fam-bench-").tempdir()?;
@@ -53,6 +59,7 @@ impl Rig {
             seed: 1,
             run_dir: run_dir.path().to_owned(),
             detour: BTreeMap::new(),
+            fence_off,
         })?;
         cell.detour(detour(cell.manager_endpoint(), cell.gateway_endpoint())?);
         let eye = Observer::start(

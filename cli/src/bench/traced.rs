@@ -58,6 +58,7 @@ impl Traced {
             seed: 1,
             run_dir: dir.path().to_owned(),
             detour: BTreeMap::new(),
+            fence_off: false,
         })?;
         let mut connect = vec![
             cell.manager_endpoint().to_owned(),

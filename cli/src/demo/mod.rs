@@ -51,6 +51,7 @@ pub fn run(args: &DemoArgs) -> Result<bool> {
         seed: args.seed,
         run_dir: run_dir.path().to_owned(),
         detour: BTreeMap::new(),
+        fence_off: false,
     })?;
     let eye = Observer::start(
         &model.cell,

@@ -11,7 +11,7 @@ main{max-width:1120px;margin:0 auto;padding:28px 20px 60px}
 h1{font-size:26px;margin:0 0 4px}h2{font-size:18px;margin:36px 0 10px}
 p.sub{color:var(--soft);margin:0 0 20px}
 .verdict{display:inline-block;padding:3px 12px;border-radius:4px;color:#fff;font-weight:600}
-.verdict.good{background:var(--good)}.verdict.bad{background:var(--bad)}
+.verdict.good,.verdict.bad{color:#fff}.verdict.good{background:var(--good)}.verdict.bad{background:var(--bad)}
 .figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:12px;margin:20px 0}
 .figure{background:var(--back);border:1px solid var(--line);border-radius:6px;padding:12px 14px}
 .figure b{display:block;font-size:24px;font-variant-numeric:tabular-nums}

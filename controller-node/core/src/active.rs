@@ -84,6 +84,8 @@ pub struct ActiveMc<R> {
     pub(crate) acknowledged: Option<CheckpointId>,
     /// Tick at which it is due.
     pub(crate) due: u64,
+    /// Its first scan does not wait for a tick.
+    pub(crate) at_once: bool,
     pub(crate) work: Workload,
 }
 

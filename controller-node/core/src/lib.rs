@@ -15,6 +15,7 @@
 pub mod active;
 pub mod buffers;
 pub mod model_mc;
+#[cfg(feature = "compiled")]
 pub mod plc;
 mod record;
 pub mod replica;

@@ -372,6 +372,7 @@ impl<R: McRuntime> Replica<R> {
             scanned: None,
             acknowledged: None,
             due: 0,
+            at_once: activation.at_once,
             work: Workload::default(),
         }))
     }

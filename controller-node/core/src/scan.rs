@@ -34,7 +34,7 @@ pub trait ScanHost<R> {
 
 /// What reaches the scan thread from the control plane.
 pub enum ScanCommand<R> {
-    /// Run this from the next tick on.
+    /// Run this from the next tick on, or at once if its activation says so ([`ScanCore::start_at_once`]).
     Activate(Box<ActiveMc<R>>),
     /// An act on an active MC, by its place among the MCs of the node.
     Act {
@@ -168,49 +168,65 @@ impl<R: McRuntime> ScanCore<R> {
         }
     }
 
+    /// The first scans of MCs whose predecessor was interrupted: they are late already. To be called after commands that
+    /// come between ticks.
+    pub fn start_at_once(&mut self, now: Now, host: &mut impl ScanHost<R>) {
+        for index in 0..self.slots.len() {
+            let starts = |a: &mut Box<ActiveMc<R>>| std::mem::take(&mut a.at_once);
+            if self.slots[index].as_mut().is_some_and(starts) {
+                self.turn(index, now, host);
+            }
+        }
+    }
+
     /// One tick.
     pub fn tick(&mut self, now: Now, host: &mut impl ScanHost<R>) {
         self.ticks += 1;
         for index in 0..self.slots.len() {
-            let Some(active) = self.slots[index].as_mut() else {
-                continue;
-            };
-            let seen = self.images.get(&active.spec.gateway);
-            let fate = match seen {
-                Some(seen) => judged(active, seen, &self.owner),
-                None => Fate::Stays,
-            };
-            if let Fate::Leaves(news) = fate {
-                self.leave(index, Some(news), host);
-                continue;
-            }
-            overdue_release(active, now, host);
-            let cycle_ticks = (u64::from(active.spec.cycle_us) / self.tick_us).max(1);
-            if active.due > self.ticks {
-                continue;
-            }
-            match active.mode {
-                Mode::Trapped => {}
-                Mode::Ended => {
-                    active.due = self.ticks + cycle_ticks;
-                    if let Some(mut last) = active.last.clone() {
-                        last.acknowledged = active.acknowledged;
-                        host.frame(last);
-                    }
+            self.turn(index, now, host);
+        }
+    }
+
+    /// What an active MC has to do now, if it is due.
+    fn turn(&mut self, index: usize, now: Now, host: &mut impl ScanHost<R>) {
+        let Some(active) = self.slots[index].as_mut() else {
+            return;
+        };
+        let seen = self.images.get(&active.spec.gateway);
+        let fate = match seen {
+            Some(seen) => judged(active, seen, &self.owner),
+            None => Fate::Stays,
+        };
+        if let Fate::Leaves(news) = fate {
+            self.leave(index, Some(news), host);
+            return;
+        }
+        overdue_release(active, now, host);
+        let cycle_ticks = (u64::from(active.spec.cycle_us) / self.tick_us).max(1);
+        if active.due > self.ticks {
+            return;
+        }
+        match active.mode {
+            Mode::Trapped => {}
+            Mode::Ended => {
+                active.due = self.ticks + cycle_ticks;
+                if let Some(mut last) = active.last.clone() {
+                    last.acknowledged = active.acknowledged;
+                    host.frame(last);
                 }
-                Mode::Scans => {
-                    let fresh_us = FRESH_TICKS * self.tick_us;
-                    match seen.and_then(|seen| fresh_inputs(active, seen, now, fresh_us)) {
-                        Some((number, bytes)) => {
-                            active.due = self.ticks + cycle_ticks;
-                            let scan = Scanning {
-                                now,
-                                cpu_factor_permille: self.cpu_factor_permille,
-                            };
-                            scan.run(active, number, bytes, host);
-                        }
-                        None => active.work.starved += 1,
+            }
+            Mode::Scans => {
+                let fresh_us = FRESH_TICKS * self.tick_us;
+                match seen.and_then(|seen| fresh_inputs(active, seen, now, fresh_us)) {
+                    Some((number, bytes)) => {
+                        active.due = self.ticks + cycle_ticks;
+                        let scan = Scanning {
+                            now,
+                            cpu_factor_permille: self.cpu_factor_permille,
+                        };
+                        scan.run(active, number, bytes, host);
                     }
+                    None => active.work.starved += 1,
                 }
             }
         }

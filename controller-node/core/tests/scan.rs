@@ -43,6 +43,41 @@ fn undisturbed(scans: u64) -> u64 {
 }
 
 #[test]
+fn after_an_interruption_the_first_scan_does_not_wait_for_a_tick() {
+    let mut cell = model_cell(0);
+    cell.activate_a(0, |_| {});
+    for _ in 0..5 {
+        cell.tick();
+    }
+    let image = cell.gateway.image();
+    cell.b.core.image(image, cell.now);
+    cell.activate_b(0, |a| a.at_once = true);
+    let (b, now) = (&mut cell.b, cell.now.plus_us(TICK_US / 2));
+    b.core.start_at_once(now, &mut b.host);
+    b.core.start_at_once(now, &mut b.host);
+    assert_eq!(
+        b.host.frames.len(),
+        1,
+        "one scan, however often it is rung for"
+    );
+    for bytes in cell.b.sent(now) {
+        cell.gateway.frame(&bytes);
+    }
+    cell.tick();
+    let applied = &cell.gateway.lines[0].applied;
+    let (scans, b) = (applied.len(), &cell.b.owner);
+    assert_eq!(scans, 7, "and the next one at the next tick");
+    assert!(applied[5..].iter().all(|h| &h.owner == b));
+
+    // Without an interruption the cycle is kept: nothing between ticks.
+    cell.activate_a(0, |a| a.at_once = false);
+    let a = &mut cell.a;
+    a.host.frames.clear();
+    a.core.start_at_once(cell.now, &mut a.host);
+    assert!(a.host.frames.is_empty());
+}
+
+#[test]
 fn frames_form_one_chain_over_epochs() {
     let mut cell = model_cell(100);
     cell.activate_a(0, |_| {});

@@ -4,7 +4,7 @@ use fam_proto::{ImageNumber, Now};
 use std::collections::VecDeque;
 
 /// Ages of the images of one MC, newest last, kept no longer than they can matter.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ImageAges {
     /// Number of the first entry.
     first: u64,
@@ -12,6 +12,14 @@ pub struct ImageAges {
     read_at: VecDeque<Option<Now>>,
     /// Entries older than this are dropped, in microseconds.
     keep_us: u64,
+}
+
+impl std::hash::Hash for ImageAges {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        ImageNumber(self.first).hash(state);
+        self.read_at.hash(state);
+        self.keep_us.hash(state);
+    }
 }
 
 /// What the table says of an image.
@@ -30,7 +38,7 @@ impl ImageAges {
     #[must_use]
     pub fn new(newest: ImageNumber, keep_us: u64) -> ImageAges {
         ImageAges {
-            first: newest.0 + 1,
+            first: newest.0.saturating_add(1),
             read_at: VecDeque::new(),
             keep_us,
         }

@@ -15,16 +15,16 @@ struct Held {
     state: Arc<Vec<u8>>,
 }
 
-// The digest in the id stands for the bytes.
-impl Hash for Held {
+/// The last checkpoints applied.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Ring(VecDeque<Held>);
+
+// The newest stands for those before it; how many there are decides only whether a delta has to be sent in full.
+impl Hash for Ring {
     fn hash<H: Hasher>(&self, to: &mut H) {
-        self.id.hash(to);
+        self.0.back().map(|held| held.id).hash(to);
     }
 }
-
-/// The last checkpoints applied.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
-pub struct Ring(VecDeque<Held>);
 
 impl Ring {
     /// Keeps a checkpoint; the oldest of more than [`RING_LEN`] goes.

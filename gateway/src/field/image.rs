@@ -1,7 +1,7 @@
 //! The `image` driver: points in memory, set and read by people and scripts, for a cell without a plant.
 
 use fam_gateway_core::place;
-use fam_proto::model::{CellModel, FieldPoint, InputSource, Place};
+use fam_proto::model::{CellModel, FieldPoint, InputSource, Number, Place};
 use fam_proto::{GatewayId, McId, McInputs};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -13,6 +13,8 @@ pub struct Point {
     pub value: u64,
     /// Its width in bits.
     pub bits: u32,
+    /// How its bits are read.
+    pub number: Number,
     /// Whether an MC sets it: then nobody else does.
     pub driven: bool,
 }
@@ -57,11 +59,12 @@ impl Points {
         let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
         let mut lengths = BTreeMap::new();
         let mut points: BTreeMap<String, Point> = BTreeMap::new();
-        let mut add = |name: &str, at: Place, driven| {
+        let mut add = |name: &str, at: Place, number: Number, driven| {
             let bits = place::width_bits(at);
             let point = points.entry(name.to_owned()).or_insert(Point {
                 value: 0,
                 bits,
+                number,
                 driven,
             });
             point.bits = point.bits.max(bits);
@@ -75,14 +78,14 @@ impl Points {
             };
             for input in &model.inputs {
                 if let InputSource::Field(FieldPoint::Image(point)) = &input.source {
-                    add(point, input.place, false);
+                    add(point, input.place, input.number, false);
                     inputs.push(slot(input.place, point));
                     lengths.insert(model.mc.clone(), model.inputs_len as usize);
                 }
             }
             for output in &model.outputs {
                 if let Some(FieldPoint::Image(point)) = &output.field {
-                    add(point, output.place, true);
+                    add(point, output.place, output.number, true);
                     outputs.push(slot(output.place, point));
                 }
             }

@@ -21,14 +21,13 @@ fn values_are_read_as_engineers_write_them() {
         ("2#1010", 8, Some(10)),
         ("1_000", 16, Some(1000)),
         ("2.5", 16, None),
-        ("2.5", 32, Some(u64::from(2.5_f32.to_bits()))),
-        ("-1e3", 64, Some((-1e3_f64).to_bits())),
+        ("2.5", 32, None),
         ("18446744073709551615", 64, Some(u64::MAX)),
         ("-9223372036854775808", 64, Some(1 << 63)),
         ("", 8, None),
         ("no", 8, None),
     ] {
-        let found = parse_value(text, bits);
+        let found = parse_value(text, bits, Number::Unsigned);
         assert_eq!(found.clone().ok(), want, "{text} in {bits} bits: {found:?}");
         if let Err(words) = found {
             assert!(words.contains("expected"), "{words}");
@@ -36,11 +35,40 @@ fn values_are_read_as_engineers_write_them() {
     }
 }
 
+#[test]
+fn real_and_signed_points_are_read_and_written_as_what_they_are() {
+    for (text, bits, number, want, back) in [
+        ("2.5", 32, Number::Real, u64::from(2.5_f32.to_bits()), "2.5"),
+        ("20", 32, Number::Real, u64::from(20_f32.to_bits()), "20"),
+        ("-1e3", 64, Number::Real, (-1e3_f64).to_bits(), "-1000"),
+        ("16#3F800000", 32, Number::Real, 0x3F80_0000, "1"),
+        ("-5", 16, Number::Signed, 0xFFFB, "-5"),
+        ("-1", 64, Number::Signed, u64::MAX, "-1"),
+        ("65531", 16, Number::Unsigned, 0xFFFB, "65531"),
+    ] {
+        let value = parse_value(text, bits, number).unwrap();
+        assert_eq!(value, want, "{text}");
+        let point = IoPoint {
+            name: "P".to_owned(),
+            direction: Direction::Point,
+            bits,
+            value,
+            number,
+            fresh: true,
+            place: String::new(),
+        };
+        assert_eq!(value_text(&point), back);
+        assert_eq!(parse_value(&value_text(&point), bits, number), Ok(value));
+    }
+    let words = parse_value("warm", 32, Number::Real).unwrap_err();
+    assert!(words.contains("expected a real number"), "{words}");
+}
+
 proptest! {
     #[test]
     fn csv_comes_back(points in prop::collection::btree_map("[A-Za-z_.,\" ]{1,12}", any::<u64>(), 0..6)) {
         let points: Vec<IoPoint> = points.iter().filter(|(name, _)| name.trim() == name.as_str()).map(|(name, value)| IoPoint {
-            name: name.clone(), direction: Direction::Point, bits: 64, value: *value, fresh: true, place: String::new(),
+            name: name.clone(), direction: Direction::Point, bits: 64, value: *value, number: Number::Unsigned, fresh: true, place: String::new(),
         }).collect();
         let want: BTreeMap<String, String> = points.iter().map(|p| (p.name.clone(), p.value.to_string())).collect();
         prop_assert_eq!(from_csv(&to_csv(&points)), Ok(want));
@@ -49,7 +77,9 @@ proptest! {
     #[test]
     fn no_text_is_read_with_a_panic(text in ".{0,200}", bits in prop::sample::select(vec![1_u32, 8, 16, 32, 64])) {
         let _ = from_csv(&text);
-        let _ = parse_value(&text, bits);
+        for number in [Number::Unsigned, Number::Signed, Number::Real] {
+            let _ = parse_value(&text, bits, number);
+        }
     }
 }
 

@@ -1,11 +1,20 @@
 //! A checkpoint: the serialized state of one MC after one scan.
 
 use crate::ids::{Epoch, Scan};
+use crate::mark::{Mark, hash_marked};
 use serde::{Deserialize, Serialize};
 
 /// Digest of a checkpoint: xxh3-128 over MC time and state. Guards against mix-ups and damage, not against forgery.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 pub struct Digest(pub [u8; 16]);
+
+impl std::hash::Hash for Digest {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        let (half, _) = self.0.split_at(8);
+        let half = half.try_into().map_or(0, u64::from_le_bytes);
+        hash_marked(Mark::Digest, half, state);
+    }
+}
 
 impl Digest {
     /// Digest of a state at an MC time.

@@ -39,8 +39,11 @@ pub enum Message {
     RegistrationRefused(String),
     /// CA to MM: this controller hands over its MCs and leaves (SIGTERM). Answered by drained state in `Registered`.
     Leaving,
-    /// MM to CA: nothing of you is active any more; you may go.
-    MayLeave,
+    /// MM to CA: nothing of you is active any more but what nobody else can take now; you may go.
+    MayLeave {
+        /// MCs that have no other place: their outputs will fall to the fail-safe values.
+        behind: Vec<McId>,
+    },
     /// CA to MM and monitors, at each report interval. Its absence tells of a freeze or cut.
     Report(ResourceReport),
     /// CA to D&D: an event that the CA raises itself (as in the work-balance case study).

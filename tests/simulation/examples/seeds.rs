@@ -3,6 +3,8 @@
 //! With a single seed and `log` the event log is printed: `... --example seeds -- 17 1 log`; `shrink` writes what is left of each failing
 //! schedule to a file of its own. `fam simulate` does the same for users.
 
+#![allow(clippy::disallowed_methods)] // how long it took is told to people
+
 use fam_simulation::campaign::{Record, Tally};
 use fam_simulation::simulator::{Options, Profile, explain, run};
 use std::time::Instant;

@@ -2,6 +2,8 @@
 //!
 //! The first seed is printed; `FAM_SIMULATION_FROM` repeats a run. A failure is shrunk and written to the directory of test results.
 
+#![allow(clippy::disallowed_methods)] // the day chooses the seeds, a clock ends the run; no schedule reads either
+
 use fam_simulation::campaign::{Record, Tally};
 use fam_simulation::simulator::{Options, Profile, run};
 use std::sync::Mutex;

@@ -252,6 +252,7 @@ impl Gateway {
             keep_action: false,
             outputs: line.outputs.clone(),
             next_scan: line.record.scan().next(),
+            at_once: false,
         }
     }
 

@@ -44,6 +44,7 @@ fn mc(mc: &str, inputs: Vec<(Place, FieldPoint)>, outputs: Vec<(Place, FieldPoin
             .into_iter()
             .map(|(place, point)| InputPoint {
                 name: "I".to_owned(),
+                number: fam_proto::model::Number::Unsigned,
                 place,
                 source: InputSource::Field(point),
             })
@@ -53,6 +54,7 @@ fn mc(mc: &str, inputs: Vec<(Place, FieldPoint)>, outputs: Vec<(Place, FieldPoin
             .into_iter()
             .map(|(place, point)| OutputPoint {
                 name: "Q".to_owned(),
+                number: fam_proto::model::Number::Unsigned,
                 place,
                 field: Some(point),
             })

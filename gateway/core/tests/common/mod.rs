@@ -53,6 +53,7 @@ fn mc(name: McId, inputs: Vec<InputPoint>) -> McModel {
         inputs_len: 4,
         outputs: vec![OutputPoint {
             name: "Q".to_owned(),
+            number: fam_proto::model::Number::Unsigned,
             place: Place::Bit { byte: 0, bit: 0 },
             field: Some(FieldPoint::Image("Q".to_owned())),
         }],
@@ -69,6 +70,7 @@ pub fn cell() -> CellModel {
                 mc_id(),
                 vec![InputPoint {
                     name: "I".to_owned(),
+                    number: fam_proto::model::Number::Unsigned,
                     place: Place::Bytes { byte: 0, width: 2 },
                     source: InputSource::Field(FieldPoint::Image("I".to_owned())),
                 }],
@@ -77,6 +79,7 @@ pub fn cell() -> CellModel {
                 importer_id(),
                 vec![InputPoint {
                     name: "FromStation1".to_owned(),
+                    number: fam_proto::model::Number::Unsigned,
                     place: Place::Bit { byte: 3, bit: 2 },
                     source: InputSource::Export {
                         mc: mc_id(),

@@ -43,7 +43,7 @@ pub enum Canary {
 
 impl Canary {
     /// All of them, each with the invariant that has to find it and the number of seeds within which it has to.
-    pub const ALL: [(Canary, &'static str, u64); 17] = [
+    pub const ALL: [(Canary, &'static str, u64); 18] = [
         (
             Canary::GatewayForgetsRecords,
             "nothing that the plant has seen is lost",
@@ -77,6 +77,7 @@ impl Canary {
             "the repository keeps what it has promised",
             40,
         ),
+        (Canary::EpochsForgotten, "epochs are never reused", 150),
         (Canary::StaleStart, "no invented state", 20),
         (
             Canary::McTimeRestarts,

@@ -178,6 +178,7 @@ fn mc(
     fail_safe[0] = FAIL_SAFE;
     let mut inputs = vec![InputPoint {
         name: "Field".to_owned(),
+        number: fam_proto::model::Number::Unsigned,
         place: Place::Bytes { byte: 0, width: 2 },
         source: InputSource::Field(FieldPoint::Image(format!("{}.in", names[n]))),
     }];
@@ -185,6 +186,7 @@ fn mc(
     if n > 0 && random.chance(600) {
         inputs.push(InputPoint {
             name: "Before".to_owned(),
+            number: fam_proto::model::Number::Unsigned,
             place: Place::Bytes { byte: 2, width: 2 },
             source: InputSource::Export {
                 mc: names[n - 1].clone(),
@@ -212,6 +214,7 @@ fn mc(
         inputs_len: INPUTS_LEN as u32,
         outputs: vec![OutputPoint {
             name: "Phase".to_owned(),
+            number: fam_proto::model::Number::Unsigned,
             place: Place::Bytes { byte: 0, width: 1 },
             field: Some(FieldPoint::Image(format!("{}.out", names[n]))),
         }],

@@ -263,15 +263,23 @@ pub fn schedule(cell: &Cell, trouble: &Trouble, random: &mut Random) -> Vec<(Whe
     schedule
 }
 
-/// What makes a failover or a move that is in flight when the second one comes: for schedules in which too little has happened.
+/// What makes a failover or a move that is in flight when another fault comes: for schedules in which too little has happened.
 #[must_use]
 pub fn more(
     cell: &Cell,
     trouble: &Trouble,
     now_us: u64,
     random: &mut Random,
-) -> [(When, Fault); 2] {
-    let (_, _, make) = pick(trouble, random, |_| 1);
+) -> [(When, Fault); 3] {
+    // What was stopped does not move.
+    let reset = CommandKind::Reset {
+        mc: cell.mcs[random.index(cell.mcs.len())].mc.clone(),
+        how: if trouble.gentle {
+            Reset::Resume
+        } else {
+            Reset::Cold
+        },
+    };
     let first = if random.chance(500) {
         Fault::Crash {
             pid: Pid::Node(node(cell, random)),
@@ -281,12 +289,21 @@ pub fn more(
     } else {
         moving(cell, random, false)
     };
+    let second = match random.below(3) {
+        0 => cut(1, cell, random),
+        1 => storm(Storm::Loss, random),
+        _ => storm(Storm::Delay, random),
+    };
     let aimed = When::Aimed {
         from_us: now_us,
         stage: Stage::Plan,
-        plus_us: random.below(2_000),
+        plus_us: random.below(300),
     };
-    [(When::At(now_us), first), (aimed, make(cell, random))]
+    [
+        (aimed, second),
+        (When::At(now_us + 1_000), Fault::Command(reset)),
+        (When::At(now_us + 60_000), first),
+    ]
 }
 
 fn pick(

@@ -113,7 +113,7 @@ impl LedgerSlots {
         let before = self.newest;
         self.newest = Newest {
             slot: 1 - before.slot,
-            sequence: before.sequence + 1,
+            sequence: before.sequence.saturating_add(1),
         };
         let (from, len) = self.newest_range();
         let slot = &mut map[from..from + len];
@@ -214,7 +214,7 @@ impl HeadSlots {
         }
         self.newest = Newest {
             slot: 1 - self.newest.slot,
-            sequence: self.newest.sequence + 1,
+            sequence: self.newest.sequence.saturating_add(1),
         };
         let from = self.at + self.newest.slot * self.slot_bytes;
         let slot = &mut map[from..from + self.slot_bytes];

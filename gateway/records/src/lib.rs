@@ -23,6 +23,7 @@ use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Version of the file that this build writes, and the only one that it reads.
 pub const FILE_VERSION: u32 = 1;
@@ -125,6 +126,14 @@ pub struct RecordFile {
     starts: u32,
 }
 
+/// Now, in seconds since 1970.
+fn made_s() -> u32 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.map_or(1, |since| {
+        u32::try_from(since.as_secs()).unwrap_or(1).max(1)
+    })
+}
+
 impl RecordFile {
     /// Opens the file for a gateway, or makes it, counts this start, and returns what it holds.
     ///
@@ -207,9 +216,9 @@ impl RecordFile {
         let before = counts[0].max(counts[1]);
         // Image numbers grow with it, and others go by them: a file that is made anew goes on above the one that was lost.
         self.starts = if before == 0 {
-            u32::try_from(fam_driver::wall_us() / 1_000_000).unwrap_or(1)
+            made_s()
         } else {
-            before + 1
+            before.saturating_add(1)
         };
         let at = STARTS_AT[usize::from(counts[0] > counts[1])];
         self.map[at..at + 4].copy_from_slice(&self.starts.to_le_bytes());
@@ -448,5 +457,8 @@ fn check(path: &Path, file: &File, want: &[u8], bytes: usize) -> Result<(), Reco
     Ok(())
 }
 
+#[cfg(test)]
+#[path = "../../core/tests/common/mod.rs"]
+mod testing;
 #[cfg(test)]
 mod tests;
