@@ -5,13 +5,16 @@ mod bench;
 mod cell;
 mod demo;
 mod io;
+mod logic;
 mod observe;
 mod operate;
 mod processes;
 mod report;
+mod run;
 mod running;
 mod serve;
 mod status;
+mod tests_of_logic;
 mod up;
 
 use anyhow::Result;
@@ -42,7 +45,9 @@ fn dispatch(command: Command) -> Result<bool> {
         // These watch real processes from plain threads and bring their own runtime.
         Command::Demo(args) => return demo::run(&args),
         Command::Bench(args) => return bench::run(&args).map(|()| true),
-        Command::Check(args) => return cell::check(&args.cell),
+        Command::Run(args) => return run::run(&args),
+        Command::Test(args) => return tests_of_logic::run(&args),
+        Command::Check(args) => return logic::check(&args),
         Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
         _ => {}
     }
@@ -51,7 +56,12 @@ fn dispatch(command: Command) -> Result<bool> {
     }
     fam_driver::runtime()?.block_on(async {
         match command {
-            Command::Demo(_) | Command::Bench(_) | Command::Check(_) | Command::Generate(_) => {}
+            Command::Demo(_)
+            | Command::Bench(_)
+            | Command::Run(_)
+            | Command::Test(_)
+            | Command::Check(_)
+            | Command::Generate(_) => {}
             Command::Up(args) => up::run(&args).await?,
             Command::Manager(args) => serve::manager(args).await?,
             Command::Node(args) => serve::node(args).await?,
