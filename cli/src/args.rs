@@ -63,8 +63,12 @@ pub enum Command {
     Ack(AckArgs),
     /// Read and write the points of a gateway with the `image` driver
     Io(IoArgs),
-    /// Check a cell and say everything that is wrong with it
+    /// Run the programs of a project alone, in simulated time
+    Run(RunArgs),
+    /// Check cells and logic and say everything that is wrong with them
     Check(CheckArgs),
+    /// Run Structured Text test programs and count what holds
+    Test(TestArgs),
     /// Write the Flexible Automation Projects and diagnosis files of a cell
     Generate(GenerateArgs),
     /// Measure this machine and this build
@@ -378,8 +382,76 @@ pub enum IoCommand {
 /// `fam check`
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// Cell model
-    pub cell: PathBuf,
+    /// Cell models, Structured Text and PLCopen XML; the kind is recognised from the content
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+    /// Print the result in the Static Analysis Results Interchange Format
+    #[arg(long, conflicts_with = "json")]
+    pub sarif: bool,
+    /// Whose liberties are taken with the standard
+    #[arg(long, value_enum, default_value = "standard")]
+    pub dialect: DialectArg,
+}
+
+/// Whose liberties are taken with the standard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DialectArg {
+    /// None.
+    Standard,
+    /// Those of CODESYS: numbers become narrower ones with a warning.
+    Codesys,
+}
+
+/// `fam run`
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// Structured Text or PLCopen XML
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Only this program, or an instance of this function block; else all, as their tasks say
+    #[arg(long, value_name = "NAME")]
+    pub program: Option<String>,
+    /// How many scans; 1 unless in real time
+    #[arg(long)]
+    pub scans: Option<u64>,
+    /// Time from one scan to the next; else the shortest interval of the tasks, or 10
+    #[arg(long, value_name = "MS")]
+    pub cycle_ms: Option<f64>,
+    /// Table of values to set: a column `scan` or `time_ms`, then one for each variable
+    #[arg(long, value_name = "FILE")]
+    pub inputs: Option<PathBuf>,
+    /// Table of values after each scan
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
+    /// Show these variables after each scan
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    pub watch: Vec<String>,
+    /// Wait for the time of each scan
+    #[arg(long)]
+    pub realtime: bool,
+    /// End with one JSON object that holds all variables
+    #[arg(long)]
+    pub json: bool,
+    /// Whose liberties are taken with the standard
+    #[arg(long, value_enum, default_value = "standard")]
+    pub dialect: DialectArg,
+}
+
+/// `fam test`
+#[derive(Debug, Args)]
+pub struct TestArgs {
+    /// Folder with Structured Text: programs whose names begin with TEST are the tests, all else supports them
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Scans of each test, unless its variable `done` becomes TRUE before
+    #[arg(long, default_value_t = 1_000)]
+    pub scans: u64,
+    /// Time from one scan to the next
+    #[arg(long, default_value_t = 10.0)]
+    pub cycle_ms: f64,
 }
 
 /// `fam generate`

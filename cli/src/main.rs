@@ -6,15 +6,18 @@ mod cell;
 mod chain;
 mod demo;
 mod io;
+mod logic;
 mod observe;
 mod operate;
 mod processes;
 mod report;
+mod run;
 mod running;
 mod serve;
 mod simulate;
 mod soak;
 mod status;
+mod tests_of_logic;
 mod up;
 
 use anyhow::Result;
@@ -52,7 +55,9 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Bench(args) => return bench::run(&args).map(|()| true),
         Command::Simulate(args) => return simulate::run_schedules(&args),
         Command::Soak(args) => return soak::run(&args),
-        Command::Check(args) => return cell::check(&args.cell),
+        Command::Run(args) => return run::run(&args),
+        Command::Test(args) => return tests_of_logic::run(&args),
+        Command::Check(args) => return logic::check(&args),
         Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
         _ => {}
     }
@@ -69,6 +74,8 @@ fn dispatch(command: Command) -> Result<bool> {
             | Command::Bench(_)
             | Command::Simulate(_)
             | Command::Soak(_)
+            | Command::Run(_)
+            | Command::Test(_)
             | Command::Check(_)
             | Command::Generate(_) => {}
             Command::Up(args) => up::run(&args).await?,

@@ -471,6 +471,7 @@ pub fn compile_sources(
     // The logic has passed without it: only what is generated makes use of it.
     let options = CheckOptions {
         allow_internal_access: true,
+        ..CheckOptions::default()
     };
     let typed = check(&project, options)?;
     compile(&typed, spec)
@@ -561,6 +562,9 @@ fn type_name(node: &TypeNode) -> String {
         }
         TypeNode::Enum { name, .. } | TypeNode::Struct { name, .. } => name.clone(),
         TypeNode::Subrange { base, lo, hi } => format!("{base} ({lo}..{hi})"),
+        TypeNode::Text { wide, len } => {
+            format!("{}[{len}]", if *wide { "WSTRING" } else { "STRING" })
+        }
         TypeNode::Array { dims, elem, .. } => {
             let dims: Vec<String> = dims.iter().map(|(lo, hi)| format!("{lo}..{hi}")).collect();
             format!("ARRAY[{}] OF {}", dims.join(", "), type_name(elem))

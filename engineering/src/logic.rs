@@ -52,6 +52,7 @@ pub fn load(
     // The logic keeps to the standard; conditions and checkpoint states may name what is internal to instances.
     let inside = CheckOptions {
         allow_internal_access: true,
+        ..CheckOptions::default()
     };
     let typed = check(&project, inside).ok()?;
     let programs = programs(cell, mc, &typed, problems)?;

@@ -11,6 +11,7 @@ mod plan;
 mod quiet;
 pub(crate) mod relay;
 mod rig;
+mod scan;
 mod state;
 mod stats;
 mod traced;
@@ -152,6 +153,12 @@ pub enum Bench {
         #[arg(long, default_value_t = 10)]
         seconds: u64,
     },
+    /// Scan time of programs of many kinds against C written by hand, built with `cc -O2`
+    Scan {
+        /// Statements of the large program
+        #[arg(long, default_value_t = 10_000)]
+        statements: usize,
+    },
     /// False failovers with both cores loaded
     Quiet {
         /// How long
@@ -190,6 +197,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
         Bench::Frame { scans } => frame::run(*scans)?,
         Bench::Jitter { cycle_ms, seconds } => jitter::run(cell, *cycle_ms, *seconds)?,
         Bench::Footprint { starts, seconds } => footprint::run(cell, *starts, *seconds)?,
+        Bench::Scan { statements } => scan::run(*statements)?,
         Bench::Quiet { minutes } => quiet::run(cell, *minutes)?,
     };
     if args.json {
@@ -203,6 +211,15 @@ pub fn run(args: &BenchArgs) -> Result<()> {
 fn print(figures: &Map<String, Value>) {
     let mut table = crate::status::table(&["figure", "value"]);
     for (name, value) in figures {
+        if let Value::Array(rows) = value {
+            for row in rows {
+                let text = |key: &str| row.get(key).map(crate::status::number);
+                let label = row.get("name").and_then(Value::as_str).unwrap_or(name);
+                let ratio = text("ratio").unwrap_or_else(|| Cell::new(""));
+                table.add_row(vec![Cell::new(label), ratio]);
+            }
+            continue;
+        }
         table.add_row(vec![Cell::new(name), crate::status::number(value)]);
     }
     println!("{table}");

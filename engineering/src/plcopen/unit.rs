@@ -185,6 +185,15 @@ impl UnitWriter<'_> {
                 }
                 xml.close();
             }
+            TypeSpecKind::Ref(to) => {
+                xml.open("pointer", &[]);
+                xml.open("baseType", &[]);
+                self.type_spec(xml, to);
+                xml.close();
+                xml.close();
+            }
+            // Wires of diagrams have no type of their own in a project; their values are computed where they are used.
+            TypeSpecKind::Inferred => xml.empty("ANY", &[]),
             TypeSpecKind::Struct { fields } => {
                 xml.open("struct", &[]);
                 for field in fields {
@@ -274,7 +283,7 @@ impl UnitWriter<'_> {
         let mut xml = Xml::fragment();
         let kind = match pou.kind {
             PouKind::Program => "program",
-            PouKind::Function => "function",
+            PouKind::Function | PouKind::Method => "function",
             PouKind::FunctionBlock => "functionBlock",
         };
         xml.open(
