@@ -32,8 +32,11 @@ impl Chain {
     pub fn take(&mut self, applied: &[Applied]) -> Shown {
         let mut joined: Vec<Applied> = self.newest.values().cloned().collect();
         joined.extend_from_slice(applied);
+        // A frame of an epoch that is over takes nothing over: it is a second driver.
+        let mut takeovers = recorder::takeovers(&joined);
+        takeovers.retain(|t| t.from.0 < t.to.0);
         let mut shown = Shown {
-            takeovers: recorder::takeovers(&joined),
+            takeovers,
             double_driven: recorder::double_driven_scans(&joined),
             longest_gap_us: 0,
         };

@@ -121,6 +121,8 @@ pub async fn run_model(
             listen: options.listen.clone(),
             connect: options.connect.clone(),
             frames: Frames::Of(mcs.clone()),
+            // Exported variables of other gateways' MCs come with their images.
+            images: model.gateways.len() > 1,
             peers: true,
             ..LinkOptions::new(model.cell.clone(), ProcessId::Gateway(id.clone()))
         },

@@ -373,6 +373,7 @@ fn an_old_image_changes_nothing() {
             sent_at_us: 0,
             inputs: Vec::new(),
             records: Vec::new(),
+            exports: Vec::new(),
         }))
     };
     bench.handle(image(0, u64::MAX));

@@ -227,6 +227,7 @@ impl Gateway {
             sent_at_us: 0,
             inputs: inputs.collect(),
             records: self.lines.iter().map(|l| l.record.clone()).collect(),
+            exports: Vec::new(),
         })
     }
 
