@@ -109,6 +109,17 @@ impl ControllerView {
     pub fn owner(&self) -> Option<&Owner> {
         self.registration.as_ref().map(|r| &r.owner)
     }
+    /// Whether one life of it may take the place of another: a later one, unless it is the earlier one that is seen to live; an
+    /// earlier one only then. Boot ids come from wall clocks, and those may be set back.
+    #[must_use]
+    pub fn may_follow(&self, known: BootId, boot: BootId) -> bool {
+        let seen = |life| self.tokens.contains(&life);
+        if boot > known {
+            seen(boot) || !seen(known)
+        } else {
+            seen(boot) && !seen(known)
+        }
+    }
     /// Whether its MCs are to go elsewhere.
     #[must_use]
     pub fn is_emptied(&self) -> bool {
@@ -316,8 +327,10 @@ impl CellView {
         let owner = record.owner.as_ref()?;
         let controller = self.controllers.get(&owner.controller)?;
         let in_force = controller.owner()?;
-        let loss = if in_force.boot > owner.boot {
-            Loss::Token
+        let loss = if in_force.boot == owner.boot {
+            controller.lost?
+        } else if controller.may_follow(owner.boot, in_force.boot) {
+            Loss::Token // it drove in an earlier life
         } else {
             controller.lost?
         };

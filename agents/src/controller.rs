@@ -9,7 +9,7 @@ use fam_proto::{
     EventKind, GatewayId, Hosted, InputImage, McId, McLoad, McOffer, Message, Now, QosEvent,
     Registered, Registration, ResourceReport, Severity,
 };
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 /// How often a registration is repeated until it is answered, in microseconds.
@@ -29,13 +29,20 @@ pub const OVERLOAD_REPORTS: u32 = 3;
 /// Fewer scans than this in an interval make no mean of their own.
 const SCANS_MIN: u64 = 4;
 
+/// How long after an MC ran here the longest scan seen counts more than the declared one, in microseconds. One slow scan must not
+/// keep the MC away for good.
+pub const MEASURED_KEPT_US: u64 = 3_000_000;
+
 const FULL_PERMILLE: u32 = 1_000;
 const OVERLOAD_ENDS_PERMILLE: u32 = 950;
+
+/// Managers' lives that are kept in mind as gone.
+const GONE_MAX: usize = 16;
 
 /// What the CA knows of a manager.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
 struct Manager {
-    /// Its newest life heard of.
+    /// The life whose words count: the newest one that lives, as far as is known.
     boot: Option<BootId>,
     /// It has taken our registration.
     registered: bool,
@@ -65,6 +72,9 @@ struct Leaving {
 pub struct ControllerAgent {
     config: Arc<NodeConfig>,
     manager: Manager,
+    /// Managers' lives whose liveliness tokens are gone. Boot ids come from wall clocks, which may be set back, and a second manager
+    /// may have come and gone: so the highest one is not always the one that lives.
+    gone: BTreeSet<BootId>,
     register_at: Now,
     report_at: Option<Now>,
     leaving: Option<Leaving>,
@@ -76,8 +86,8 @@ pub struct ControllerAgent {
     images: BTreeMap<GatewayId, Now>,
     sample: NodeSample,
     intervals: BTreeMap<McId, Interval>,
-    /// Longest scan ever seen here, in microseconds.
-    measured_us: BTreeMap<McId, u32>,
+    /// Longest scan seen here, in microseconds, and when the MC ran here last.
+    measured_us: BTreeMap<McId, (u32, Now)>,
     /// MCs that run here, with their epochs.
     active: Vec<(McId, Epoch)>,
     /// Whether an MC is being opened here.
@@ -93,6 +103,7 @@ impl ControllerAgent {
         ControllerAgent {
             config,
             manager: Manager::default(),
+            gone: BTreeSet::new(),
             register_at: now,
             report_at: None,
             leaving: None,
@@ -140,28 +151,48 @@ impl ControllerAgent {
         self.opening = opening;
     }
 
-    /// Whether a later life of the manager is known.
+    /// Whether the words of this life of a manager count no more: another one does.
     #[must_use]
     pub(crate) fn is_over(&self, manager: BootId) -> bool {
-        self.manager.boot.is_some_and(|known| manager < known)
+        self.manager
+            .boot
+            .is_some_and(|known| manager != known && !self.follows(manager, known))
     }
 
-    /// A manager's process has appeared, gone, or spoken.
-    pub fn manager_seen(&mut self, boot: BootId, alive: bool, now: Now) {
-        match self.manager.boot {
-            Some(known) if boot == known && !alive => {
-                self.manager.registered = false;
-                self.register_at = now.plus_us(REGISTER_REPEAT_US);
-            }
-            Some(known) if boot <= known => {}
-            _ if alive => {
-                self.manager = Manager {
-                    boot: Some(boot),
-                    ..Manager::default()
-                };
-                self.register(now);
-            }
-            _ => {}
+    /// Whether a life of the manager takes the place of the one that is known: it is newer, or that one is gone; and itself is not.
+    fn follows(&self, boot: BootId, known: BootId) -> bool {
+        !self.gone.contains(&boot) && (boot > known || self.gone.contains(&known))
+    }
+
+    /// A manager's liveliness token has appeared or gone.
+    pub fn manager_token(&mut self, boot: BootId, alive: bool, now: Now) {
+        if alive {
+            self.gone.remove(&boot);
+            self.manager_speaks(boot, now);
+            return;
+        }
+        if self.gone.len() == GONE_MAX {
+            self.gone.pop_first();
+        }
+        self.gone.insert(boot);
+        if self.manager.boot == Some(boot) {
+            self.manager.registered = false;
+            self.register_at = now.plus_us(REGISTER_REPEAT_US);
+        }
+    }
+
+    /// A life of the manager is there.
+    pub fn manager_speaks(&mut self, boot: BootId, now: Now) {
+        let new = match self.manager.boot {
+            None => !self.gone.contains(&boot),
+            Some(known) => boot != known && self.follows(boot, known),
+        };
+        if new {
+            self.manager = Manager {
+                boot: Some(boot),
+                ..Manager::default()
+            };
+            self.register(now);
         }
     }
 
@@ -176,9 +207,14 @@ impl ControllerAgent {
     }
 
     /// Newest counters of the scan thread and the host.
-    pub fn sample(&mut self, sample: NodeSample) {
+    pub fn sample(&mut self, sample: NodeSample, now: Now) {
         for mc in &sample.mcs {
-            self.measured_us.insert(mc.mc.clone(), mc.max_us);
+            let (longest, at) = self.measured_us.entry(mc.mc.clone()).or_default();
+            if now.since_us(*at) > MEASURED_KEPT_US {
+                *longest = 0;
+            }
+            *longest = (*longest).max(mc.max_us);
+            *at = now;
         }
         self.sample = sample;
     }
@@ -467,11 +503,12 @@ impl ControllerAgent {
         } else {
             None
         };
-        let measured = self.measured_us.get(mc).copied().filter(|us| *us > 0);
+        let measured = self.measured_us.get(mc);
+        let measured = measured.filter(|(us, at)| *us > 0 && now.since_us(*at) <= MEASURED_KEPT_US);
         McOffer {
             mc: mc.clone(),
             unable,
-            worst_case_us: measured.unwrap_or(declared),
+            worst_case_us: measured.map_or(declared, |(us, _)| *us),
         }
     }
 

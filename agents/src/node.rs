@@ -165,7 +165,7 @@ impl NodeAgents {
             if self.controller.is_over(envelope.boot) {
                 return; // a late word of a manager that is no more
             }
-            self.controller.manager_seen(envelope.boot, true, now);
+            self.controller.manager_speaks(envelope.boot, now);
         }
         match &envelope.to {
             AgentId::Controller(to) if *to == self.config.owner.controller => {
@@ -217,7 +217,7 @@ impl NodeAgents {
                     component.held(id);
                 }
             }
-            NodeLocal::Sample(sample) => self.controller.sample(sample),
+            NodeLocal::Sample(sample) => self.controller.sample(sample, now),
             NodeLocal::Terminate => self.controller.leave(now),
         }
     }
@@ -263,7 +263,7 @@ impl Agent for NodeAgents {
                 process: ProcessId::Manager,
                 boot,
                 alive,
-            } => self.controller.manager_seen(boot, alive, now),
+            } => self.controller.manager_token(boot, alive, now),
             Input::Peer { .. } | Input::Persisted { .. } => {}
             Input::Image(image) => self.image(&image, now),
             Input::Local(local) => self.local(local, now),

@@ -69,6 +69,8 @@ pub enum Command {
     Generate(GenerateArgs),
     /// Measure this machine and this build
     Bench(crate::bench::BenchArgs),
+    /// Run seeded schedules of faults against a whole simulated cell
+    Simulate(crate::simulate::SimulateArgs),
     /// Run the cell for hours with a random fault every few seconds, and keep a ledger
     Soak(crate::soak::SoakArgs),
 }

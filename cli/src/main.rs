@@ -12,6 +12,7 @@ mod processes;
 mod report;
 mod running;
 mod serve;
+mod simulate;
 mod soak;
 mod status;
 mod up;
@@ -49,6 +50,7 @@ fn dispatch(command: Command) -> Result<bool> {
         // These watch real processes from plain threads and bring their own runtime.
         Command::Demo(args) => return demo::run(&args),
         Command::Bench(args) => return bench::run(&args).map(|()| true),
+        Command::Simulate(args) => return simulate::run_schedules(&args),
         Command::Soak(args) => return soak::run(&args),
         Command::Check(args) => return cell::check(&args.cell),
         Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
@@ -65,6 +67,7 @@ fn dispatch(command: Command) -> Result<bool> {
         match command {
             Command::Demo(_)
             | Command::Bench(_)
+            | Command::Simulate(_)
             | Command::Soak(_)
             | Command::Check(_)
             | Command::Generate(_) => {}

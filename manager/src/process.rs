@@ -3,8 +3,8 @@
 use crate::shell::ManagerShell;
 use crate::store::Store;
 use anyhow::Context;
-use fam_agents::manager::{ManagerAgents, ManagerLocal};
-use fam_driver::{Link, LinkOptions, boot_after, now, wall_us};
+use fam_agents::manager::{ManagerAgents, ManagerLocal, boot_after};
+use fam_driver::{Link, LinkOptions, boot_id, now, wall_us};
 use fam_proto::model::CellModel;
 use fam_proto::{BootId, ProcessId, RepoState};
 use fam_repository::{Repository, open_file};
@@ -52,7 +52,7 @@ pub async fn run(
 ) -> anyhow::Result<()> {
     let model = Arc::new(fam_engineering::build_model(&options.cell_file)?);
     let (repository, restored) = open_file(&options.repository, &model.cell)?;
-    let boot = boot_after(&options.repository.with_extension("boot"));
+    let boot = boot_after(boot_id().0, &restored);
     run_on(model, repository, restored, boot, options, shutdown).await
 }
 

@@ -225,14 +225,15 @@ impl McAgent {
         self.held = Some(id);
     }
 
-    /// An order of the manager in the life `boot`: acknowledged always, carried out once.
+    /// An order of the manager in the life `boot`: acknowledged always, carried out once. Which life counts is told before
+    /// ([`crate::controller::ControllerAgent::is_over`]).
     pub fn order(&mut self, boot: BootId, order: Order, now: Now) {
-        if self.order.is_some_and(|(known, _)| boot < known) {
-            return; // a word of a manager that is no more
-        }
         self.send(AgentId::Manager, Message::OrderReceived(order.id));
         let this = (boot, order.id);
-        if self.order.is_some_and(|known| this <= known) {
+        if self
+            .order
+            .is_some_and(|(known, last)| known == boot && order.id <= last)
+        {
             if let Some(report) = self.answered.clone()
                 && report.order == Some(order.id)
                 && self.order == Some(this)

@@ -75,6 +75,14 @@ pub const GATEWAY_LOST_US: u64 = 1_000_000;
 /// A repository that has failed is asked again after this long, in microseconds.
 pub const REPOSITORY_RETRY_US: u64 = 1_000_000;
 
+/// The boot id of a manager that starts with what its repository holds: the wall clock, but above all lives of before, also if the
+/// clock was set back in between. Otherwise nobody would heed it.
+#[must_use]
+pub fn boot_after(wall_us: u64, restored: &RepoState) -> BootId {
+    let before = restored.events.iter().map(|e| e.wall_us).max();
+    BootId(wall_us.max(before.map_or(0, |us| us.saturating_add(1))))
+}
+
 /// The agent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MiddlewareManager {
@@ -166,6 +174,7 @@ impl MiddlewareManager {
             bad_messages_link: 0,
             view,
         };
+        manager.desk.wall_is(now, boot.0);
         let text = format!(
             "manager of cell {} is up (boot {boot}), generation {}",
             manager.view.model.cell, manager.view.generation

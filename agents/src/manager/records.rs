@@ -14,7 +14,8 @@ impl MiddlewareManager {
         };
         let name = &image.gateway;
         let known = gateway.boot;
-        if known.is_some_and(|b| (image.boot, image.number) <= (b, gateway.image)) {
+        // Numbers grow over restarts, which boot ids need not do: they come from a wall clock.
+        if known.is_some() && image.number <= gateway.image {
             return;
         }
         let was_down = gateway.down;

@@ -42,19 +42,23 @@ impl MiddlewareManager {
         let new_life = known.is_none_or(|r| r.owner != *owner);
         if let Some(other) = known.filter(|r| r.owner.boot != owner.boot) {
             let other = other.owner.boot;
-            if there.lost.is_none() {
-                let why = format!(
-                    "controller {name} is registered already by another node that lives (boot {other}); stop that one, or give this one (boot {}) the name of another controller",
-                    owner.boot
-                );
-                self.refuse(owner, why, now);
-                return true;
-            }
-            if owner.boot < other {
-                let why = format!(
-                    "a later life of controller {name} (boot {other}) has registered; boot {} is over",
-                    owner.boot
-                );
+            let lives = there.lost.is_none();
+            if lives || !there.may_follow(other, owner.boot) {
+                // The answer to a late word of a life that is over would reach its successor: who lives is seen to, and asks again.
+                if !there.tokens.is_empty() && !there.tokens.contains(&owner.boot) {
+                    return true;
+                }
+                let why = if lives {
+                    format!(
+                        "controller {name} is registered already by another node that lives (boot {other}); stop that one, or give this one (boot {}) the name of another controller",
+                        owner.boot
+                    )
+                } else {
+                    format!(
+                        "a later life of controller {name} (boot {other}) has registered; boot {} is over",
+                        owner.boot
+                    )
+                };
                 self.refuse(owner, why, now);
                 return true;
             }
@@ -195,7 +199,9 @@ impl MiddlewareManager {
         if there.owner() != Some(&report.owner) {
             // A late answer to its predecessor, or of the manager before, may have told it that it is registered. A life that is
             // over is left alone: the answer would reach its successor.
-            if there.owner().is_none_or(|o| o.boot < report.owner.boot) {
+            if there.owner().is_none_or(|o| {
+                o.boot < report.owner.boot || there.may_follow(o.boot, report.owner.boot)
+            }) {
                 let why = format!(
                     "this life of controller {name} (boot {}) has not registered",
                     report.owner.boot

@@ -84,9 +84,9 @@ impl<R: McRuntime> ScanCore<R> {
     /// A gateway's image that came at `at`; an older one than the known is dropped.
     pub fn image(&mut self, image: Arc<InputImage>, at: Now) {
         match self.images.get_mut(&image.gateway) {
+            // Numbers grow over restarts of the gateway, which boot ids need not do: they come from a wall clock.
             Some(seen) => {
-                let known = (seen.image.boot, seen.image.number);
-                if (image.boot, image.number) > known {
+                if image.number > seen.image.number {
                     *seen = Seen { image, at };
                 }
             }

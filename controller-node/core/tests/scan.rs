@@ -62,6 +62,7 @@ fn after_an_interruption_the_first_scan_does_not_wait_for_a_tick() {
     );
     for bytes in cell.b.sent(now) {
         cell.gateway.frame(&bytes);
+        receive(&mut cell.a, &bytes);
     }
     cell.tick();
     let applied = &cell.gateway.lines[0].applied;

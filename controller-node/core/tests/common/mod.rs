@@ -369,7 +369,8 @@ impl<R: McRuntime> Cell<R> {
     }
 }
 
-fn receive<R: McRuntime>(node: &mut Node<R>, bytes: &[u8]) {
+/// A frame of another node.
+pub fn receive<R: McRuntime>(node: &mut Node<R>, bytes: &[u8]) {
     let mc = decode_frame(bytes).unwrap().header.mc;
     let replica = node
         .replicas

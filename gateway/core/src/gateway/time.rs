@@ -66,7 +66,14 @@ impl Gateway {
         gate.fail_safe(state);
         let ledger = gate.ledger().clone();
         let outputs = Arc::clone(gate.outputs());
-        // Safe values first: no disk may delay them.
+        // The record says so first, so that a kill in between does not leave safe values at the field that it knows nothing of. But
+        // no disk may delay them: what has to survive a power failure is synced behind them.
+        let changed = |sync| RecordWrite::Changed {
+            mc: mc.clone(),
+            ledger: ledger.clone(),
+            sync,
+        };
+        self.persist(changed(false), super::Pending::Note { mc: mc.clone() });
         self.out.push_back(Output::Act(GatewayAct::ApplyOutputs {
             mc: mc.clone(),
             outputs,
@@ -75,14 +82,9 @@ impl Gateway {
         let mut event = event.mc(mc).epoch(ledger.epoch).scan(ledger.last_scan);
         event.controller = ledger.owner.as_ref().map(|o| o.controller.clone());
         self.event(now, event);
-        self.persist(
-            RecordWrite::Changed {
-                mc: mc.clone(),
-                ledger,
-                sync,
-            },
-            super::Pending::Note { mc: mc.clone() },
-        );
+        if sync {
+            self.persist(changed(true), super::Pending::Note { mc: mc.clone() });
+        }
     }
 
     fn suspect(&mut self, mc: &McId, now: Now) {
