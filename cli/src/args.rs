@@ -1,5 +1,8 @@
 //! The command line of `fam`.
 
+use crate::engineering::{
+    ConvertArgs, DiffArgs, ExportArgs, GenerateArgs, ImportArgs, ModelArgs, NewArgs, ShowArgs,
+};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use fam_proto::{ControllerId, GatewayId, McId};
 use std::net::SocketAddr;
@@ -63,10 +66,22 @@ pub enum Command {
     Ack(AckArgs),
     /// Read and write the points of a gateway with the `image` driver
     Io(IoArgs),
-    /// Check a cell and say everything that is wrong with it
-    Check(CheckArgs),
-    /// Write the Flexible Automation Projects and diagnosis files of a cell
+    /// Check a model and say everything that is wrong with it
+    Check(ModelArgs),
+    /// Write everything that runs: projects, diagnosis files, agents, deployment
     Generate(GenerateArgs),
+    /// Show a model as a tree
+    Show(ShowArgs),
+    /// Say what changed between two versions of a model, and what becomes of the state
+    Diff(DiffArgs),
+    /// Write a model in another form: AutomationML or cell.toml
+    Convert(ConvertArgs),
+    /// Write a small cell to begin with
+    New(NewArgs),
+    /// Propose a model from the logic of an existing PLC project
+    Import(ImportArgs),
+    /// Write the logic of a model as one ordinary PLC project
+    Export(ExportArgs),
     /// Measure this machine and this build
     Bench(crate::bench::BenchArgs),
 }
@@ -353,21 +368,4 @@ pub enum IoCommand {
         /// Values
         values: Vec<String>,
     },
-}
-
-/// `fam check`
-#[derive(Debug, Args)]
-pub struct CheckArgs {
-    /// Cell model
-    pub cell: PathBuf,
-}
-
-/// `fam generate`
-#[derive(Debug, Args)]
-pub struct GenerateArgs {
-    /// Cell model
-    pub cell: PathBuf,
-    /// Where to
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
 }

@@ -2,8 +2,8 @@
 
 mod args;
 mod bench;
-mod cell;
 mod demo;
+mod engineering;
 mod io;
 mod observe;
 mod operate;
@@ -42,8 +42,14 @@ fn dispatch(command: Command) -> Result<bool> {
         // These watch real processes from plain threads and bring their own runtime.
         Command::Demo(args) => return demo::run(&args),
         Command::Bench(args) => return bench::run(&args).map(|()| true),
-        Command::Check(args) => return cell::check(&args.cell),
-        Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
+        Command::Check(args) => return engineering::check(&args.cell),
+        Command::Generate(args) => return engineering::generate(&args).map(|()| true),
+        Command::Show(args) => return engineering::show(&args).map(|()| true),
+        Command::Diff(args) => return engineering::diff(&args),
+        Command::Convert(args) => return engineering::convert(&args).map(|()| true),
+        Command::New(args) => return engineering::new(&args).map(|()| true),
+        Command::Import(args) => return engineering::import(&args).map(|()| true),
+        Command::Export(args) => return engineering::export(&args).map(|()| true),
         _ => {}
     }
     if let Command::Gateway(args) = &command {
@@ -51,7 +57,16 @@ fn dispatch(command: Command) -> Result<bool> {
     }
     fam_driver::runtime()?.block_on(async {
         match command {
-            Command::Demo(_) | Command::Bench(_) | Command::Check(_) | Command::Generate(_) => {}
+            Command::Demo(_)
+            | Command::Bench(_)
+            | Command::Check(_)
+            | Command::Generate(_)
+            | Command::Show(_)
+            | Command::Diff(_)
+            | Command::Convert(_)
+            | Command::New(_)
+            | Command::Import(_)
+            | Command::Export(_) => {}
             Command::Up(args) => up::run(&args).await?,
             Command::Manager(args) => serve::manager(args).await?,
             Command::Node(args) => serve::node(args).await?,

@@ -2,6 +2,7 @@
 
 mod checkpoint;
 mod failover;
+mod generate;
 mod moves;
 mod plan;
 mod quiet;
@@ -90,6 +91,15 @@ pub enum Bench {
         #[arg(long, default_value_t = 1_000)]
         trials: usize,
     },
+    /// From the model of a large cell to all its files
+    Generate {
+        /// MCs
+        #[arg(long, default_value_t = 1_000)]
+        mcs: usize,
+        /// Variables of each
+        #[arg(long, default_value_t = 1_000)]
+        variables: usize,
+    },
     /// A work-balance plan for a large cell, against a planted optimum
     Plan {
         /// Controllers
@@ -126,6 +136,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
             cycle_ms,
             trials,
         } => checkpoint::run(*variables, *cycle_ms, *trials)?,
+        Bench::Generate { mcs, variables } => generate::run(*mcs, *variables)?,
         Bench::Plan { controllers, mcs } => plan::run(*controllers, *mcs)?,
         Bench::Quiet { minutes } => quiet::run(cell, *minutes)?,
     };
