@@ -1,5 +1,8 @@
 //! The command line of `fam`.
 
+use crate::engineering::{
+    ConvertArgs, DiffArgs, ExportArgs, GenerateArgs, ImportArgs, NewArgs, ShowArgs,
+};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use fam_proto::{ControllerId, GatewayId, McId};
 use std::net::SocketAddr;
@@ -69,8 +72,20 @@ pub enum Command {
     Check(CheckArgs),
     /// Run Structured Text test programs and count what holds
     Test(TestArgs),
-    /// Write the Flexible Automation Projects and diagnosis files of a cell
+    /// Write everything that runs: projects, diagnosis files, agents, deployment
     Generate(GenerateArgs),
+    /// Show a model as a tree
+    Show(ShowArgs),
+    /// Say what changed between two versions of a model, and what becomes of the state
+    Diff(DiffArgs),
+    /// Write a model in another form: AutomationML or cell.toml
+    Convert(ConvertArgs),
+    /// Write a small cell to begin with
+    New(NewArgs),
+    /// Propose a model from the logic of an existing PLC project
+    Import(ImportArgs),
+    /// Write the logic of a model as one ordinary PLC project
+    Export(ExportArgs),
     /// Measure this machine and this build
     Bench(crate::bench::BenchArgs),
     /// Run seeded schedules of faults against a whole simulated cell
@@ -452,14 +467,4 @@ pub struct TestArgs {
     /// Time from one scan to the next
     #[arg(long, default_value_t = 10.0)]
     pub cycle_ms: f64,
-}
-
-/// `fam generate`
-#[derive(Debug, Args)]
-pub struct GenerateArgs {
-    /// Cell model
-    pub cell: PathBuf,
-    /// Where to
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
 }

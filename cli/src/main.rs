@@ -2,9 +2,9 @@
 
 mod args;
 mod bench;
-mod cell;
 mod chain;
 mod demo;
+mod engineering;
 mod io;
 mod logic;
 mod observe;
@@ -58,7 +58,13 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Run(args) => return run::run(&args),
         Command::Test(args) => return tests_of_logic::run(&args),
         Command::Check(args) => return logic::check(&args),
-        Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
+        Command::Generate(args) => return engineering::generate(&args).map(|()| true),
+        Command::Show(args) => return engineering::show(&args).map(|()| true),
+        Command::Diff(args) => return engineering::diff(&args),
+        Command::Convert(args) => return engineering::convert(&args).map(|()| true),
+        Command::New(args) => return engineering::new(&args).map(|()| true),
+        Command::Import(args) => return engineering::import(&args).map(|()| true),
+        Command::Export(args) => return engineering::export(&args).map(|()| true),
         _ => {}
     }
     serve::prefer_this_process(match &command {
@@ -77,7 +83,13 @@ fn dispatch(command: Command) -> Result<bool> {
             | Command::Run(_)
             | Command::Test(_)
             | Command::Check(_)
-            | Command::Generate(_) => {}
+            | Command::Generate(_)
+            | Command::Show(_)
+            | Command::Diff(_)
+            | Command::Convert(_)
+            | Command::New(_)
+            | Command::Import(_)
+            | Command::Export(_) => {}
             Command::Up(args) => up::run(&args).await?,
             Command::Manager(args) => serve::manager(args).await?,
             Command::Node(args) => serve::node(args).await?,

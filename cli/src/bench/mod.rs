@@ -4,6 +4,7 @@ mod checkpoint;
 mod failover;
 mod footprint;
 mod frame;
+mod generate;
 mod jitter;
 mod loss;
 mod moves;
@@ -108,6 +109,15 @@ pub enum Bench {
         #[arg(long, default_value_t = 1_000)]
         trials: usize,
     },
+    /// From the model of a large cell to all its files
+    Generate {
+        /// MCs
+        #[arg(long, default_value_t = 1_000)]
+        mcs: usize,
+        /// Variables of each
+        #[arg(long, default_value_t = 1_000)]
+        variables: usize,
+    },
     /// A work-balance plan for a large cell, against a planted optimum
     Plan {
         /// Controllers
@@ -192,6 +202,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
             cycle_ms,
             trials,
         } => checkpoint::run(*variables, *cycle_ms, *trials)?,
+        Bench::Generate { mcs, variables } => generate::run(*mcs, *variables)?,
         Bench::Plan { controllers, mcs } => plan::run(*controllers, *mcs)?,
         Bench::Loss { trials, kind, seed } => loss::run(cell, *kind, *trials, *seed)?,
         Bench::Frame { scans } => frame::run(*scans)?,

@@ -112,6 +112,7 @@ impl Resolver {
             watchdog_us,
             suspect_us,
             stop: table.stop,
+            state: table.state,
             inputs,
             outputs,
             intervals,

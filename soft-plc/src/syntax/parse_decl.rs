@@ -351,10 +351,8 @@ impl Parser<'_> {
                 block.retain = true;
             } else if !self.eat_kw(Kw::NonRetain)
                 && !self.eat_word("PERSISTENT")
-                && !(self.peek_at(1) != Tok::Colon
-                    && self.peek_at(1) != Tok::Comma
-                    && self.peek_at(1) != Tok::Kw(Kw::At)
-                    && ["PUBLIC", "PRIVATE", "PROTECTED", "INTERNAL"]
+                && ([Tok::Colon, Tok::Comma, Tok::Kw(Kw::At)].contains(&self.peek_at(1))
+                    || !["PUBLIC", "PRIVATE", "PROTECTED", "INTERNAL"]
                         .iter()
                         .any(|word| self.eat_word(word)))
             {
