@@ -86,6 +86,8 @@ pub struct ControllerView {
     pub report: Option<ResourceReport>,
     /// Why it counts as lost; `None` while it is up.
     pub lost: Option<Loss>,
+    /// Since when it counts as lost.
+    pub lost_since: Now,
     /// Drained by an operator.
     pub drained: bool,
     /// It hands its MCs over and leaves.

@@ -157,6 +157,7 @@ fn an_image() -> Input<NodeLocal> {
         sent_at_us: 0,
         inputs: Vec::new(),
         records: Vec::new(),
+        exports: Vec::new(),
     }))
 }
 

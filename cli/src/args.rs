@@ -216,6 +216,9 @@ pub struct GatewayArgs {
     /// Publish what is applied behind the fence, for benchmarks and reports
     #[arg(long)]
     pub recorder: bool,
+    /// File that gets the journal of what is applied behind the fence
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub journal: Option<PathBuf>,
     /// Apply every frame, whoever sends it: drives no plant safely
     #[cfg(feature = "fence-off")]
     #[arg(long)]

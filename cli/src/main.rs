@@ -3,6 +3,7 @@
 mod args;
 mod bench;
 mod cell;
+mod chain;
 mod demo;
 mod io;
 mod observe;
@@ -32,7 +33,12 @@ fn main() -> ExitCode {
             } else {
                 "error"
             };
-            eprintln!("{word}: {error:#}");
+            let text = format!("{error:#}");
+            // Problems with files carry their own word and code.
+            match text.strip_prefix("error") {
+                Some(rest) => eprintln!("{word}{rest}"),
+                None => eprintln!("{word}: {text}"),
+            }
             ExitCode::from(2)
         }
     }

@@ -91,8 +91,9 @@ pub async fn run_model(
     shutdown: impl Future<Output = ()>,
 ) -> anyhow::Result<()> {
     let id = choose(model, options.gateway.as_ref())?;
+    let boot = fam_driver::boot_after(&options.records.with_extension("boot"));
     // The model is checked before anything on disk is touched.
-    Gateway::new(model, &id, fam_driver::boot_id(), 0, vec![], Now(0))?;
+    Gateway::new(model, &id, boot, 0, vec![], Now(0))?;
     let (records, stored) = RecordFile::open(&options.records, model, &id)?;
     let journal = match &options.journal {
         Some(path) => Some(
@@ -120,6 +121,8 @@ pub async fn run_model(
             listen: options.listen.clone(),
             connect: options.connect.clone(),
             frames: Frames::Of(mcs.clone()),
+            // Exported variables of other gateways' MCs come with their images.
+            images: model.gateways.len() > 1,
             peers: true,
             ..LinkOptions::new(model.cell.clone(), ProcessId::Gateway(id.clone()))
         },

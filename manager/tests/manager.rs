@@ -216,6 +216,7 @@ async fn start_gateway(at: &str, record: Record) -> Task {
                     fresh: true,
                 }],
                 records: vec![record.get()],
+                exports: Vec::new(),
             });
         }
     }))

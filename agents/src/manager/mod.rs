@@ -101,6 +101,8 @@ pub struct MiddlewareManager {
     emptying: BTreeMap<ControllerId, (u64, PlanId, Now)>,
     /// Events of an MC that two sides may tell: the newest told.
     marks: BTreeMap<(EventKind, McId), (Epoch, u64)>,
+    /// Newest activation of each MC that the history tells.
+    activated: BTreeMap<McId, Epoch>,
     /// MCs without a place: how often tried, and whether the alarm was raised.
     unplaced: BTreeMap<McId, (u32, bool)>,
     /// Quality-of-service events told last, by cause.
@@ -148,8 +150,13 @@ impl MiddlewareManager {
             c.drained = restored.drained.contains(controller);
             c.remembered = restored.registrations.get(controller).cloned();
         }
+        let mut activated = BTreeMap::new();
+        for event in &restored.events {
+            note_activation(&mut activated, event);
+        }
         let mut manager = MiddlewareManager {
             started: now,
+            activated,
             desk: Desk::new(boot, restored.events, restored.last_event_seq),
             epochs: Epochs::new(view.mcs.keys(), &restored.epochs),
             epochs_again: None,
@@ -297,6 +304,7 @@ impl MiddlewareManager {
         }
         self.review_jobs(now);
         self.adopt(now);
+        self.tell_unseen_activations(now);
         self.send_orders(now);
         self.review_emptying(now);
         self.review_commands(now);
@@ -370,6 +378,7 @@ impl MiddlewareManager {
     }
 
     fn event(&mut self, event: Event, now: Now) {
+        note_activation(&mut self.activated, &event);
         self.desk.event(event, now);
     }
 
@@ -436,5 +445,14 @@ impl MiddlewareManager {
         let mark = (epoch, scan);
         let known = self.marks.insert((kind, mc.clone()), mark);
         known != Some(mark)
+    }
+}
+
+fn note_activation(activated: &mut BTreeMap<McId, Epoch>, event: &Event) {
+    if event.kind == EventKind::McActivated
+        && let (Some(mc), Some(epoch)) = (&event.mc, event.epoch)
+    {
+        let newest = activated.entry(mc.clone()).or_default();
+        *newest = epoch.max(*newest);
     }
 }

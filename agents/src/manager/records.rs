@@ -208,4 +208,33 @@ impl MiddlewareManager {
         }
         self.new_generation(self.view.generation.next());
     }
+
+    /// A manager that dies between an order and its outcome leaves an activation behind that the history does not tell.
+    pub(super) fn tell_unseen_activations(&mut self, now: Now) {
+        let unseen: Vec<Event> = self
+            .view
+            .mcs
+            .iter()
+            .filter(|(_, m)| m.under_way.is_none())
+            .filter_map(|(mc, m)| {
+                let record = m.record.as_ref().filter(|r| r.driven)?;
+                let owner = record.owner.as_ref()?;
+                let told = *self.activated.get(mc)?;
+                (told < record.epoch).then(|| {
+                    let on = &owner.controller;
+                    let text = format!(
+                        "{mc} was activated on {on} with epoch {} while no manager looked",
+                        record.epoch
+                    );
+                    Event::new(Severity::Info, EventKind::McActivated, text)
+                        .mc(mc)
+                        .controller(on)
+                        .epoch(record.epoch)
+                })
+            })
+            .collect();
+        for event in unseen {
+            self.event(event, now);
+        }
+    }
 }

@@ -14,6 +14,8 @@ use super::desk::Ticket;
 
 /// A controller that could not be emptied is tried again after this long, in microseconds.
 const EMPTY_AGAIN_US: u64 = 1_000_000;
+/// A controller that still reports so long after its token has gone is there, in microseconds.
+const TOKEN_DOUBTED_US: u64 = 1_000_000;
 
 impl MiddlewareManager {
     pub(super) fn register(
@@ -211,7 +213,13 @@ impl MiddlewareManager {
         }
         there.heard = now;
         there.report = Some(report.clone());
-        let back = there.lost == Some(Loss::Reports);
+        // A crashed node's last report may come after its token has gone, but not so much later: it is the token that was lost,
+        // as happens when a connection is made anew before the old one is given up.
+        let back = match there.lost {
+            Some(Loss::Reports) => true,
+            Some(Loss::Token) => now.since_us(there.lost_since) >= TOKEN_DOUBTED_US,
+            None => false,
+        };
         if back {
             there.lost = None;
         }
@@ -287,6 +295,7 @@ impl MiddlewareManager {
         if there.lost != Some(Loss::Token) {
             let already = there.lost.is_some();
             there.lost = Some(Loss::Token);
+            there.lost_since = now;
             let clean = there.may_leave;
             if clean {
                 let text = format!("{name} has left");
@@ -316,6 +325,7 @@ impl MiddlewareManager {
         for name in silent {
             if let Some(there) = self.view.controllers.get_mut(&name) {
                 there.lost = Some(Loss::Reports);
+                there.lost_since = now;
                 self.tell_loss(&name, Loss::Reports, now);
             }
         }

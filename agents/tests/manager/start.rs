@@ -149,6 +149,25 @@ fn a_manager_that_comes_back_finds_what_failed_without_it() {
 }
 
 #[test]
+fn what_was_activated_while_no_manager_looked_is_told_once() {
+    let disk = running().disk;
+    let mut bench = Bench::restored(model(2, 2), disk, Qualities::standard(), 2);
+    // m1 was activated anew where it was before, m2 goes on as the history has it.
+    bench.script(&[
+        (0, "image m1=open,c1.1,e5 m2=open,c2.1,e3", ""),
+        (10, "up c1.1; up c2.1", "c1 registered m1; c2 registered m2"),
+        (3_000, "tick", ""),
+    ]);
+    let told: Vec<_> = bench
+        .events
+        .iter()
+        .filter(|e| e.kind == EventKind::McActivated)
+        .map(|e| (e.mc.clone(), e.epoch))
+        .collect();
+    assert_eq!(told, [(Some(m("m1")), Some(Epoch(5)))]);
+}
+
+#[test]
 fn an_owner_whom_the_manager_does_not_know_yet_is_left_alone() {
     let mut bench = Bench::new(model(2, 1));
     bench.script(&[
@@ -385,6 +404,7 @@ fn an_old_image_changes_nothing() {
             sent_at_us: 0,
             inputs: Vec::new(),
             records: Vec::new(),
+            exports: Vec::new(),
         }))
     };
     // Numbers grow over restarts of the gateway, whatever its boot id says.

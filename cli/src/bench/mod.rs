@@ -2,6 +2,10 @@
 
 mod checkpoint;
 mod failover;
+mod footprint;
+mod frame;
+mod jitter;
+mod loss;
 mod moves;
 mod plan;
 mod quiet;
@@ -43,6 +47,15 @@ pub enum FailoverKind {
     Freeze,
     /// A link that goes silent without closing.
     Cut,
+}
+
+/// Whose loss is tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LossKind {
+    /// The controller that drives most MCs is killed.
+    Controller,
+    /// The gateway is killed and started again.
+    Gateway,
 }
 
 /// Benchmarks.
@@ -103,6 +116,42 @@ pub enum Bench {
         #[arg(long, default_value_t = 10_000)]
         mcs: usize,
     },
+    /// Whether anything that the plant has seen is lost when a process is killed at a random moment
+    Loss {
+        /// Number of kills
+        #[arg(long, default_value_t = 1_000)]
+        trials: usize,
+        /// Whose
+        #[arg(long, value_enum, default_value = "controller")]
+        kind: LossKind,
+        /// When
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+    /// What carrying the state in the frame costs, against outputs alone
+    Frame {
+        /// Scans for each size and share of change
+        #[arg(long, default_value_t = 400)]
+        scans: usize,
+    },
+    /// How late scans begin, with and without load, with and without real-time priority
+    Jitter {
+        /// Cycle of the MCs and tick of all processes
+        #[arg(long, default_value_t = 5)]
+        cycle_ms: u32,
+        /// How long for each of the four
+        #[arg(long, default_value_t = 30)]
+        seconds: u64,
+    },
+    /// Memory of the processes, CPU of a node beside its MCs, and how fast a node starts
+    Footprint {
+        /// Number of starts
+        #[arg(long, default_value_t = 10)]
+        starts: usize,
+        /// How long the CPU is measured
+        #[arg(long, default_value_t = 10)]
+        seconds: u64,
+    },
     /// False failovers with both cores loaded
     Quiet {
         /// How long
@@ -137,6 +186,10 @@ pub fn run(args: &BenchArgs) -> Result<()> {
             trials,
         } => checkpoint::run(*variables, *cycle_ms, *trials)?,
         Bench::Plan { controllers, mcs } => plan::run(*controllers, *mcs)?,
+        Bench::Loss { trials, kind, seed } => loss::run(cell, *kind, *trials, *seed)?,
+        Bench::Frame { scans } => frame::run(*scans)?,
+        Bench::Jitter { cycle_ms, seconds } => jitter::run(cell, *cycle_ms, *seconds)?,
+        Bench::Footprint { starts, seconds } => footprint::run(cell, *starts, *seconds)?,
         Bench::Quiet { minutes } => quiet::run(cell, *minutes)?,
     };
     if args.json {

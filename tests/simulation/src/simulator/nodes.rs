@@ -214,6 +214,37 @@ impl World {
     }
 
     /// A tick of the scan thread.
+    /// A command for the scan thread: MCs whose predecessor was interrupted begin at once.
+    pub(super) fn ring(&mut self, n: usize, boot: BootId) {
+        let pid = Pid::Node(n);
+        if !self.is_this(pid, boot) {
+            return;
+        }
+        let now = self.local(pid);
+        let slow_us = worst(&self.slow, n);
+        let Some(node) = &mut self.nodes[n] else {
+            return;
+        };
+        node.slow_ns = slow_us * 1_000;
+        let out = node.between_ticks(now);
+        let scans = out.iter().filter(|o| matches!(o, ScanOut::Frame(_)));
+        let busy_us = slow_us * scans.count() as u64;
+        self.leave_scan_thread(n, boot, out, busy_us);
+    }
+
+    /// What the scan thread has for others reaches them a moment later.
+    fn leave_scan_thread(&mut self, n: usize, boot: BootId, out: Vec<ScanOut>, busy_us: u64) {
+        let after_us = self.now_us + busy_us + self.dice(Pid::Node(n)).between(15, 400);
+        for out in out {
+            if let ScanOut::Frame(frame) = &out {
+                let seen = Seen::Scanned(frame);
+                self.invariants.see(&seen, self.now_us);
+            }
+            let inner = Event::Inner { node: n, boot, out };
+            self.queue.push(after_us, inner);
+        }
+    }
+
     pub(super) fn tick(&mut self, n: usize, boot: BootId) {
         let pid = Pid::Node(n);
         if !self.is_this(pid, boot) {
@@ -237,15 +268,7 @@ impl World {
             node.overruns += 1;
         }
         let (next, sampled) = (node.next_tick, node.sample(now));
-        let after_us = self.now_us + busy_us + self.dice(pid).between(15, 400);
-        for out in out {
-            if let ScanOut::Frame(frame) = &out {
-                let seen = Seen::Scanned(frame);
-                self.invariants.see(&seen, self.now_us);
-            }
-            let inner = Event::Inner { node: n, boot, out };
-            self.queue.push(after_us, inner);
-        }
+        self.leave_scan_thread(n, boot, out, busy_us);
         if let Some(sample) = sampled {
             self.node_input(n, Input::Local(NodeLocal::Sample(sample)));
         }
@@ -386,6 +409,9 @@ impl World {
             }
             ReplicaOutcome::Activate(active) => {
                 node.commands.push_back(ScanCommand::Activate(active));
+                let boot = node.owner.boot;
+                let at_us = self.now_us + self.dice(Pid::Node(n)).between(10, 300);
+                self.queue.push(at_us, Event::Ring { node: n, boot });
             }
             ReplicaOutcome::PassOn(act) => {
                 node.commands.push_back(ScanCommand::Act { mc: place, act });
@@ -437,6 +463,19 @@ impl World {
 
 impl NodeBody {
     fn tick(&mut self, now: Now) -> Vec<ScanOut> {
+        self.scan_thread(now, |core, now, thread| core.tick(now, thread))
+    }
+
+    fn between_ticks(&mut self, now: Now) -> Vec<ScanOut> {
+        self.scan_thread(now, |core, now, thread| core.start_at_once(now, thread))
+    }
+
+    /// The scan thread takes what has come, then does this.
+    fn scan_thread(
+        &mut self,
+        now: Now,
+        run: impl FnOnce(&mut ScanCore<SimMc>, Now, &mut Thread<'_>),
+    ) -> Vec<ScanOut> {
         let mut thread = Thread {
             cpu_ns: &mut self.cpu_ns,
             costs_ns: &self.costs_ns,
@@ -446,7 +485,7 @@ impl NodeBody {
         while let Some(command) = self.commands.pop_front() {
             self.scan.command(command, now, &mut thread);
         }
-        self.scan.tick(now, &mut thread);
+        run(&mut self.scan, now, &mut thread);
         thread.out
     }
 

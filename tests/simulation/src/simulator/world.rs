@@ -51,6 +51,8 @@ pub(super) enum Event {
     Timer { pid: Pid, boot: BootId },
     /// A tick of a node's scan thread.
     Tick { node: usize, boot: BootId },
+    /// A node's scan thread is rung for between its ticks: a command has come.
+    Ring { node: usize, boot: BootId },
     /// Something from a node's scan thread reaches its other threads.
     Inner {
         node: usize,
@@ -440,6 +442,7 @@ impl World {
         match event {
             Event::Timer { pid, boot } => self.timer(pid, boot),
             Event::Tick { node, boot } => self.tick(node, boot),
+            Event::Ring { node, boot } => self.ring(node, boot),
             Event::Inner { node, boot, out } => self.inner(node, boot, out),
             Event::Deliver { to, packet } => self.deliver(to, packet),
             Event::Field { boot } => self.field(boot),
@@ -466,7 +469,9 @@ impl World {
     fn held_back(&mut self, event: Event) -> Option<Event> {
         let pid = match &event {
             Event::Timer { pid, .. } | Event::Wall { pid, .. } => *pid,
-            Event::Tick { node, .. } | Event::Inner { node, .. } => Pid::Node(*node),
+            Event::Tick { node, .. } | Event::Ring { node, .. } | Event::Inner { node, .. } => {
+                Pid::Node(*node)
+            }
             Event::Deliver { to, .. } => *to,
             Event::Field { .. } => Pid::Gateway,
             Event::Tokens { observer, .. } => *observer,
@@ -642,6 +647,7 @@ fn mark(event: &Event) -> (u64, u64) {
     match event {
         Event::Timer { pid: p, boot } => (1, pid(p) ^ boot.0),
         Event::Tick { node, boot } => (2, *node as u64 ^ boot.0),
+        Event::Ring { node, boot } => (19, *node as u64 ^ boot.0),
         Event::Inner { node, out, .. } => (3, *node as u64 ^ (out.kind() << 8)),
         Event::Deliver { to, packet } => match packet {
             Packet::Message(m) => (4, pid(to) ^ m.boot.0),
