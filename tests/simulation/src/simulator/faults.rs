@@ -5,6 +5,9 @@ use super::network::{Pid, Weather};
 use fam_proto::{CommandKind, McId};
 use serde::{Deserialize, Serialize};
 
+/// How long the first node is down if a fault that was meant for another one for good is led to it, in microseconds.
+const FIRST_NODE_DOWN_US: u64 = 500_000;
+
 /// A fault, or an operator at the wrong moment.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
@@ -356,10 +359,16 @@ impl Fault {
     /// Leads it to another target of the same kind.
     pub(super) fn lead_to(&mut self, target: Target, mcs: &[McInfo]) {
         match (target, self) {
+            (Target::Node(n), Fault::Crash { pid, down_us, .. }) => {
+                *pid = Pid::Node(n);
+                if n == 0 {
+                    // One node always comes back: with none at all nothing can be in flight any more.
+                    down_us.get_or_insert(FIRST_NODE_DOWN_US);
+                }
+            }
             (
                 Target::Node(n),
-                Fault::Crash { pid, .. }
-                | Fault::Freeze { pid, .. }
+                Fault::Freeze { pid, .. }
                 | Fault::ClockDrift { pid, .. }
                 | Fault::ClockStep { pid, .. }
                 | Fault::SlowLink { to: pid, .. },

@@ -270,8 +270,9 @@ pub fn more(
     trouble: &Trouble,
     now_us: u64,
     random: &mut Random,
-) -> [(When, Fault); 3] {
-    // What was stopped does not move.
+) -> [(When, Fault); 4] {
+    // What was stopped does not move, and nothing goes where all is drained.
+    let undrain = CommandKind::Undrain(cell.controllers[node(cell, random)].clone());
     let reset = CommandKind::Reset {
         mc: cell.mcs[random.index(cell.mcs.len())].mc.clone(),
         how: if trouble.gentle {
@@ -301,6 +302,7 @@ pub fn more(
     };
     [
         (aimed, second),
+        (When::At(now_us + 500), Fault::Command(undrain)),
         (When::At(now_us + 1_000), Fault::Command(reset)),
         (When::At(now_us + 60_000), first),
     ]
@@ -379,7 +381,12 @@ fn crash(pid: Pid, random: &mut Random) -> Fault {
     let down_us = match pid {
         Pid::Manager | Pid::Rival => Some(ms(random, 5, 900)),
         Pid::Gateway => Some(ms(random, 5, 700)),
-        Pid::Node(_) | Pid::Operator => (!random.chance(300)).then(|| ms(random, 20, 1_500)),
+        Pid::Node(n) => {
+            let down_us = ms(random, 20, 1_500);
+            let for_good = random.chance(300);
+            (n == 0 || !for_good).then_some(down_us)
+        }
+        Pid::Operator => None,
     };
     Fault::Crash {
         pid,

@@ -100,7 +100,7 @@ impl Profile {
         }
     }
 
-    /// Sensors come and go without reason: a recovery may wait for one for ever.
+    /// Sensors come and go without reason: a recovery may wait for one for ever, and so may the end of a critical interval.
     pub(super) fn sensors_lie(self) -> bool {
         self == Profile::Plc
     }

@@ -123,7 +123,8 @@ impl World {
         // It has to leave a drained controller, too.
         let well_placed = record.owner.as_ref().is_some_and(|o| {
             let node = self.cell.node(&o.controller);
-            node.is_some_and(|n| self.is_this(Pid::Node(n), o.boot) && !emptied(n))
+            let stays = |n| !emptied(n) || self.options.profile.sensors_lie();
+            node.is_some_and(|n| self.is_this(Pid::Node(n), o.boot) && stays(n))
         });
         let fresh_us = DRIVEN_CYCLES * u64::from(info.model.cycle_us) + 10_000;
         let driven = record.state == RecordState::Open

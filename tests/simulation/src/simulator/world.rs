@@ -34,7 +34,7 @@ const COPIES_AT_US: [u64; 6] = [
     250_000, 1_000_000, 2_000_000, 3_500_000, 5_000_000, 6_500_000,
 ];
 /// How often a schedule in which too little has happened goes on, and in which steps, in microseconds.
-const EXTENSIONS_MAX: u32 = 12;
+const EXTENSIONS_MAX: u32 = 30;
 const EXTENSION_US: u64 = 500_000;
 
 /// What a link carries.
