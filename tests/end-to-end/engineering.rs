@@ -71,7 +71,9 @@ fn sets_and_sees(cell: &str, endpoint: &str, set: &[&str], seen: &str) {
         let (name, value) = seen.split_once(',')?;
         let shown = out.lines().find_map(|l| {
             let columns: Vec<&str> = l.split(',').collect();
-            (columns.first() == Some(&name)).then(|| columns.get(3).copied())?
+            let driven = format!("image:{name}");
+            (columns.first() == Some(&name) || columns.last() == Some(&driven.as_str()))
+                .then(|| columns.get(3).copied())?
         })?;
         let shown = match shown {
             "true" => "1",

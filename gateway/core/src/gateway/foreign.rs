@@ -4,7 +4,7 @@
 //! one, its fail-safe values stand in: exactly what its own gateway does when its frames stay away.
 
 use fam_proto::model::{CellModel, InputSource, McModel};
-use fam_proto::{BootId, GatewayId, ImageNumber, InputImage, McId, Now};
+use fam_proto::{GatewayId, ImageNumber, InputImage, McId, Now};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// An MC of another gateway.
@@ -18,7 +18,7 @@ pub(super) struct Foreign {
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Newest {
-    image: (BootId, ImageNumber),
+    image: ImageNumber,
     outputs: Vec<u8>,
     at: Now,
 }
@@ -62,11 +62,11 @@ impl Foreign {
 
     /// Takes what an image says, if it is from the MC's own gateway and the newest one.
     pub(super) fn take(&mut self, image: &InputImage, outputs: &[u8], now: Now) {
-        let number = (image.boot, image.number);
-        let newer = self.newest.as_ref().is_none_or(|n| n.image < number);
+        // Numbers grow over restarts, which boot ids need not do: they come from a wall clock.
+        let newer = self.newest.as_ref().is_none_or(|n| n.image < image.number);
         if image.gateway == self.gateway && outputs.len() == self.len() && newer {
             self.newest = Some(Newest {
-                image: number,
+                image: image.number,
                 outputs: outputs.to_vec(),
                 at: now,
             });
