@@ -35,8 +35,10 @@ const OVERLOAD_ENDS_PERMILLE: u32 = 950;
 /// What the CA knows of a manager.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
 struct Manager {
-    /// Its newest life heard of.
+    /// The life in force: the newest heard of that can be believed.
     boot: Option<BootId>,
+    /// Its liveliness token is seen.
+    token: bool,
     /// It has taken our registration.
     registered: bool,
     /// It has refused, with these words.
@@ -140,38 +142,59 @@ impl ControllerAgent {
         self.opening = opening;
     }
 
-    /// Whether a later life of the manager is known.
-    #[must_use]
-    pub(crate) fn is_over(&self, manager: BootId) -> bool {
-        self.manager.boot.is_some_and(|known| manager < known)
+    /// A manager has spoken. `false`: it is not to be heard, for a later life is known, or it claims to be a later one while the
+    /// token of the one in force stands; then its own token has to be seen first. One damaged boot id could otherwise make
+    /// the node deaf to every manager to come.
+    pub fn manager_spoke(&mut self, boot: BootId, now: Now) -> bool {
+        match self.manager.boot {
+            Some(known) if boot == known => true,
+            Some(known) if boot < known || self.manager.token => false,
+            _ => {
+                self.take_manager(boot, false, now);
+                true
+            }
+        }
     }
 
-    /// A manager's process has appeared, gone, or spoken.
-    pub fn manager_seen(&mut self, boot: BootId, alive: bool, now: Now) {
+    /// A manager's liveliness token has appeared or is gone. `true`: an earlier life than the one believed in is in force again.
+    pub fn manager_token(&mut self, boot: BootId, alive: bool, now: Now) -> bool {
         match self.manager.boot {
-            Some(known) if boot == known && !alive => {
-                self.manager.registered = false;
-                self.register_at = now.plus_us(REGISTER_REPEAT_US);
+            Some(known) if boot == known => {
+                self.manager.token = alive;
+                if !alive {
+                    self.manager.registered = false;
+                    self.register_at = now.plus_us(REGISTER_REPEAT_US);
+                }
+                false
             }
-            Some(known) if boot <= known => {}
-            _ if alive => {
-                self.manager = Manager {
-                    boot: Some(boot),
-                    ..Manager::default()
-                };
-                self.register(now);
+            _ if !alive => false,
+            // A token is more than a word: what was believed without one gives way.
+            Some(known) if boot < known && self.manager.token => false,
+            known => {
+                self.take_manager(boot, true, now);
+                known.is_some_and(|known| boot < known)
             }
-            _ => {}
         }
+    }
+
+    fn take_manager(&mut self, boot: BootId, token: bool, now: Now) {
+        self.manager = Manager {
+            boot: Some(boot),
+            token,
+            ..Manager::default()
+        };
+        self.register(now);
     }
 
     /// A gateway's image has come.
     pub fn image(&mut self, image: &InputImage, now: Now) {
         match self.images.get_mut(&image.gateway) {
             Some(at) => *at = now,
-            None => {
+            // Of gateways that serve nothing here nothing is kept, whatever names a peer makes up.
+            None if self.config.mcs.iter().any(|m| m.gateway == image.gateway) => {
                 self.images.insert(image.gateway.clone(), now);
             }
+            None => {}
         }
     }
 

@@ -161,11 +161,10 @@ impl NodeAgents {
     }
 
     fn message(&mut self, envelope: Envelope, now: Now) {
-        if envelope.from.process() == ProcessId::Manager {
-            if self.controller.is_over(envelope.boot) {
-                return; // a late word of a manager that is no more
-            }
-            self.controller.manager_seen(envelope.boot, true, now);
+        if envelope.from.process() == ProcessId::Manager
+            && !self.controller.manager_spoke(envelope.boot, now)
+        {
+            return; // a late word of a manager that is no more, or of none
         }
         match &envelope.to {
             AgentId::Controller(to) if *to == self.config.owner.controller => {
@@ -263,7 +262,13 @@ impl Agent for NodeAgents {
                 process: ProcessId::Manager,
                 boot,
                 alive,
-            } => self.controller.manager_seen(boot, alive, now),
+            } => {
+                if self.controller.manager_token(boot, alive, now) {
+                    for component in self.components.values_mut() {
+                        component.forget_orders();
+                    }
+                }
+            }
             Input::Peer { .. } | Input::Persisted { .. } => {}
             Input::Image(image) => self.image(&image, now),
             Input::Local(local) => self.local(local, now),

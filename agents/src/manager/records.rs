@@ -5,6 +5,13 @@ use fam_proto::{
     ControllerId, Event, EventKind, InputImage, McId, Now, RecordState, RecordSummary, Severity,
 };
 
+/// No gateway sends images faster than this, in microseconds.
+const IMAGE_US_MIN: u64 = 500;
+/// Longest text of an event that another process tells, in bytes.
+const EVENT_TEXT_BYTES_MAX: usize = 1_000;
+/// So many images may be missed at once beside those that time explains.
+const IMAGES_AHEAD: u64 = 64;
+
 impl MiddlewareManager {
     /// Takes an image, unless it is older than what is known or of an unknown gateway.
     pub(super) fn take_image(&mut self, image: &InputImage, now: Now) {
@@ -15,7 +22,20 @@ impl MiddlewareManager {
         let name = &image.gateway;
         let known = gateway.boot;
         if known.is_some_and(|b| (image.boot, image.number) <= (b, gateway.image)) {
-            return;
+            // Unless what was taken for a later life was none: the token says who is there.
+            let back = known.is_some_and(|b| image.boot < b) && gateway.token == Some(image.boot);
+            if !back {
+                return;
+            }
+        } else if let Some(boot) = known {
+            // One damaged number must not make the manager deaf to the images to come.
+            let stands = gateway.token == Some(boot) && image.boot != boot;
+            let ahead = image.number.0.saturating_sub(gateway.image.0);
+            let possible = IMAGES_AHEAD + now.since_us(gateway.heard) / IMAGE_US_MIN;
+            if stands || (image.boot == boot && ahead > possible) {
+                self.bad_messages += 1;
+                return;
+            }
         }
         let was_down = gateway.down;
         gateway.boot = Some(image.boot);
@@ -156,7 +176,8 @@ impl MiddlewareManager {
     }
 
     /// An event that a node or a gateway tells.
-    pub(super) fn foreign_event(&mut self, event: Event, now: Now) {
+    pub(super) fn foreign_event(&mut self, mut event: Event, now: Now) {
+        cut(&mut event.text, EVENT_TEXT_BYTES_MAX);
         let told_twice = matches!(
             event.kind,
             EventKind::McFailSafe
@@ -206,5 +227,12 @@ impl MiddlewareManager {
             self.event(event.mc(mc).controller(on).epoch(epoch), now);
         }
         self.new_generation(self.view.generation.next());
+    }
+}
+
+/// Cuts a text at a character.
+pub(super) fn cut(text: &mut String, bytes_max: usize) {
+    if text.len() > bytes_max {
+        text.truncate(text.floor_char_boundary(bytes_max));
     }
 }
