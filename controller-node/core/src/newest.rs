@@ -2,8 +2,8 @@
 //!
 //! Within a life of the gateway that is the one with the highest number, as long as the time since the last explains it: one
 //! damaged number must not make the node deaf to the images to come. Another life is believed with its second image in
-//! succession: a later one at once, an earlier one (a damaged boot id, or a wall clock that was set back) when the one in force
-//! is silent.
+//! succession if its number is higher (numbers grow over restarts, boot ids need not: they come from a wall clock), and else
+//! when the one in force is silent.
 
 use fam_proto::{BootId, ImageNumber, Now};
 
@@ -49,10 +49,11 @@ impl Newest {
             let second = self
                 .other
                 .is_some_and(|other| other.boot == boot && follows(other, this));
-            if boot > known.boot || silent {
+            let later = number > known.number || silent;
+            if later {
                 self.other = Some(this);
             }
-            second && (boot > known.boot || silent)
+            second && later
         };
         if good {
             *self = Newest {
@@ -99,11 +100,14 @@ mod tests {
             (5, 15, 107, false),
             // A long silence explains many images.
             (6, (1 << 32) + 1_001, 5_105, true),
-            // It was restarted with an earlier clock: heard when the other life is silent.
+            // It was restarted with an earlier clock.
             (3, 2 << 32, 5_110, false),
-            (3, (2 << 32) + 1, 5_115, false),
-            (3, (2 << 32) + 60, 5_410, false),
-            (3, (2 << 32) + 61, 5_415, true),
+            (3, (2 << 32) + 1, 5_115, true),
+            // It was restarted with a new record file: heard when the other life is silent.
+            (7, 1, 5_120, false),
+            (7, 2, 5_125, false),
+            (7, 60, 5_410, false),
+            (7, 61, 5_415, true),
         ] {
             assert_eq!(
                 admit(boot, number, ms),

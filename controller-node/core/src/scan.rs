@@ -90,7 +90,8 @@ impl<R: McRuntime> ScanCore<R> {
         let room = self.images.len() < GATEWAYS_MAX;
         match self.images.get_mut(&image.gateway) {
             Some(seen) => {
-                if seen.newest.admit(image.boot, image.number, at) {
+                let newer = seen.newest.admit(image.boot, image.number, at);
+                if newer {
                     (seen.image, seen.at) = (image, at);
                 }
             }
