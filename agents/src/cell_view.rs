@@ -88,6 +88,8 @@ pub struct ControllerView {
     pub report: Option<ResourceReport>,
     /// Why it counts as lost; `None` while it is up.
     pub lost: Option<Loss>,
+    /// Since when it counts as lost.
+    pub lost_since: Now,
     /// Drained by an operator.
     pub drained: bool,
     /// It hands its MCs over and leaves.
@@ -108,6 +110,17 @@ impl ControllerView {
     #[must_use]
     pub fn owner(&self) -> Option<&Owner> {
         self.registration.as_ref().map(|r| &r.owner)
+    }
+    /// Whether one life of it may take the place of another: a later one, unless it is the earlier one that is seen to live; an
+    /// earlier one only then. Boot ids come from wall clocks, and those may be set back.
+    #[must_use]
+    pub fn may_follow(&self, known: BootId, boot: BootId) -> bool {
+        let seen = |life| self.tokens.contains(&life);
+        if boot > known {
+            seen(boot) || !seen(known)
+        } else {
+            seen(boot) && !seen(known)
+        }
     }
     /// Whether its MCs are to go elsewhere.
     #[must_use]
@@ -318,8 +331,10 @@ impl CellView {
         let owner = record.owner.as_ref()?;
         let controller = self.controllers.get(&owner.controller)?;
         let in_force = controller.owner()?;
-        let loss = if in_force.boot > owner.boot {
-            Loss::Token
+        let loss = if in_force.boot == owner.boot {
+            controller.lost?
+        } else if controller.may_follow(owner.boot, in_force.boot) {
+            Loss::Token // it drove in an earlier life
         } else {
             controller.lost?
         };

@@ -9,7 +9,7 @@ use fam_proto::{
     EventKind, GatewayId, Hosted, InputImage, McId, McLoad, McOffer, Message, Now, QosEvent,
     Registered, Registration, ResourceReport, Severity,
 };
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 /// How often a registration is repeated until it is answered, in microseconds.
@@ -29,16 +29,21 @@ pub const OVERLOAD_REPORTS: u32 = 3;
 /// Fewer scans than this in an interval make no mean of their own.
 const SCANS_MIN: u64 = 4;
 
+/// How long after an MC ran here the longest scan seen counts more than the declared one, in microseconds. One slow scan must not
+/// keep the MC away for good.
+pub const MEASURED_KEPT_US: u64 = 3_000_000;
+
 const FULL_PERMILLE: u32 = 1_000;
 const OVERLOAD_ENDS_PERMILLE: u32 = 950;
+
+/// Managers' lives that are kept in mind as gone.
+const GONE_MAX: usize = 16;
 
 /// What the CA knows of a manager.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
 struct Manager {
-    /// The life in force: the newest heard of that can be believed.
+    /// The life whose words count: the newest one that lives, as far as is known.
     boot: Option<BootId>,
-    /// Its liveliness token is seen.
-    token: bool,
     /// It has taken our registration.
     registered: bool,
     /// It has refused, with these words.
@@ -67,6 +72,11 @@ struct Leaving {
 pub struct ControllerAgent {
     config: Arc<NodeConfig>,
     manager: Manager,
+    /// Managers' lives whose liveliness tokens are seen.
+    seen: BTreeSet<BootId>,
+    /// Managers' lives whose liveliness tokens are gone. Boot ids come from wall clocks, which may be set back, and a second manager
+    /// may have come and gone: so the highest one is not always the one that lives.
+    gone: BTreeSet<BootId>,
     register_at: Now,
     report_at: Option<Now>,
     leaving: Option<Leaving>,
@@ -78,8 +88,8 @@ pub struct ControllerAgent {
     images: BTreeMap<GatewayId, Now>,
     sample: NodeSample,
     intervals: BTreeMap<McId, Interval>,
-    /// Longest scan ever seen here, in microseconds.
-    measured_us: BTreeMap<McId, u32>,
+    /// Longest scan seen here, in microseconds, and when the MC ran here last.
+    measured_us: BTreeMap<McId, (u32, Now)>,
     /// MCs that run here, with their epochs.
     active: Vec<(McId, Epoch)>,
     /// Whether an MC is being opened here.
@@ -95,6 +105,8 @@ impl ControllerAgent {
         ControllerAgent {
             config,
             manager: Manager::default(),
+            seen: BTreeSet::new(),
+            gone: BTreeSet::new(),
             register_at: now,
             report_at: None,
             leaving: None,
@@ -142,48 +154,58 @@ impl ControllerAgent {
         self.opening = opening;
     }
 
-    /// A manager has spoken. `false`: it is not to be heard, for a later life is known, or it claims to be a later one while the
-    /// token of the one in force stands; then its own token has to be seen first. One damaged boot id could otherwise make
-    /// the node deaf to every manager to come.
-    pub fn manager_spoke(&mut self, boot: BootId, now: Now) -> bool {
-        match self.manager.boot {
-            Some(known) if boot == known => true,
-            Some(known) if boot < known || self.manager.token => false,
-            _ => {
-                self.take_manager(boot, false, now);
-                true
+    /// Whether the words of this life of a manager count no more: another one does.
+    #[must_use]
+    pub(crate) fn is_over(&self, manager: BootId) -> bool {
+        self.manager
+            .boot
+            .is_some_and(|known| manager != known && !self.follows(manager, known))
+    }
+
+    /// Whether a life of the manager takes the place of the one that is known: it is newer, or that one is gone; and itself is
+    /// not. A token is more than a word: whose token is seen gives way to no word alone, for one damaged boot id could
+    /// otherwise make the node deaf to every manager to come.
+    fn follows(&self, boot: BootId, known: BootId) -> bool {
+        let (seen, known_seen) = (self.seen.contains(&boot), self.seen.contains(&known));
+        let newer = boot > known && (seen || !known_seen);
+        !self.gone.contains(&boot) && (newer || (seen && !known_seen) || self.gone.contains(&known))
+    }
+
+    /// A manager's liveliness token has appeared or gone.
+    pub fn manager_token(&mut self, boot: BootId, alive: bool, now: Now) {
+        if alive {
+            self.gone.remove(&boot);
+            if self.seen.len() == GONE_MAX {
+                self.seen.pop_first();
             }
+            self.seen.insert(boot);
+            self.manager_speaks(boot, now);
+            return;
+        }
+        self.seen.remove(&boot);
+        if self.gone.len() == GONE_MAX {
+            self.gone.pop_first();
+        }
+        self.gone.insert(boot);
+        if self.manager.boot == Some(boot) {
+            self.manager.registered = false;
+            self.register_at = now.plus_us(REGISTER_REPEAT_US);
         }
     }
 
-    /// A manager's liveliness token has appeared or is gone. `true`: an earlier life than the one believed in is in force again.
-    pub fn manager_token(&mut self, boot: BootId, alive: bool, now: Now) -> bool {
-        match self.manager.boot {
-            Some(known) if boot == known => {
-                self.manager.token = alive;
-                if !alive {
-                    self.manager.registered = false;
-                    self.register_at = now.plus_us(REGISTER_REPEAT_US);
-                }
-                false
-            }
-            _ if !alive => false,
-            // A token is more than a word: what was believed without one gives way.
-            Some(known) if boot < known && self.manager.token => false,
-            known => {
-                self.take_manager(boot, true, now);
-                known.is_some_and(|known| boot < known)
-            }
-        }
-    }
-
-    fn take_manager(&mut self, boot: BootId, token: bool, now: Now) {
-        self.manager = Manager {
-            boot: Some(boot),
-            token,
-            ..Manager::default()
+    /// A life of the manager is there.
+    pub fn manager_speaks(&mut self, boot: BootId, now: Now) {
+        let new = match self.manager.boot {
+            None => !self.gone.contains(&boot),
+            Some(known) => boot != known && self.follows(boot, known),
         };
-        self.register(now);
+        if new {
+            self.manager = Manager {
+                boot: Some(boot),
+                ..Manager::default()
+            };
+            self.register(now);
+        }
     }
 
     /// A gateway's image has come.
@@ -199,9 +221,14 @@ impl ControllerAgent {
     }
 
     /// Newest counters of the scan thread and the host.
-    pub fn sample(&mut self, sample: NodeSample) {
+    pub fn sample(&mut self, sample: NodeSample, now: Now) {
         for mc in &sample.mcs {
-            self.measured_us.insert(mc.mc.clone(), mc.max_us);
+            let (longest, at) = self.measured_us.entry(mc.mc.clone()).or_default();
+            if now.since_us(*at) > MEASURED_KEPT_US {
+                *longest = 0;
+            }
+            *longest = (*longest).max(mc.max_us);
+            *at = now;
         }
         self.sample = sample;
     }
@@ -490,11 +517,12 @@ impl ControllerAgent {
         } else {
             None
         };
-        let measured = self.measured_us.get(mc).copied().filter(|us| *us > 0);
+        let measured = self.measured_us.get(mc);
+        let measured = measured.filter(|(us, at)| *us > 0 && now.since_us(*at) <= MEASURED_KEPT_US);
         McOffer {
             mc: mc.clone(),
             unable,
-            worst_case_us: measured.unwrap_or(declared),
+            worst_case_us: measured.map_or(declared, |(us, _)| *us),
         }
     }
 

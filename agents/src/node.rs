@@ -161,10 +161,11 @@ impl NodeAgents {
     }
 
     fn message(&mut self, envelope: Envelope, now: Now) {
-        if envelope.from.process() == ProcessId::Manager
-            && !self.controller.manager_spoke(envelope.boot, now)
-        {
-            return; // a late word of a manager that is no more, or of none
+        if envelope.from.process() == ProcessId::Manager {
+            if self.controller.is_over(envelope.boot) {
+                return; // a late word of a manager that is no more
+            }
+            self.controller.manager_speaks(envelope.boot, now);
         }
         match &envelope.to {
             AgentId::Controller(to) if *to == self.config.owner.controller => {
@@ -216,7 +217,7 @@ impl NodeAgents {
                     component.held(id);
                 }
             }
-            NodeLocal::Sample(sample) => self.controller.sample(sample),
+            NodeLocal::Sample(sample) => self.controller.sample(sample, now),
             NodeLocal::Terminate => self.controller.leave(now),
         }
     }
@@ -262,13 +263,7 @@ impl Agent for NodeAgents {
                 process: ProcessId::Manager,
                 boot,
                 alive,
-            } => {
-                if self.controller.manager_token(boot, alive, now) {
-                    for component in self.components.values_mut() {
-                        component.forget_orders();
-                    }
-                }
-            }
+            } => self.controller.manager_token(boot, alive, now),
             Input::Peer { .. } | Input::Persisted { .. } => {}
             Input::Image(image) => self.image(&image, now),
             Input::Local(local) => self.local(local, now),

@@ -157,6 +157,7 @@ fn an_image() -> Input<NodeLocal> {
         sent_at_us: 0,
         inputs: Vec::new(),
         records: Vec::new(),
+        exports: Vec::new(),
     }))
 }
 
@@ -226,6 +227,41 @@ fn active(n: &mut NodeAgents) {
         Now(3),
     );
     assert_eq!(kinds(n), "received open RUN mc-report");
+}
+
+fn word_of(boot: u64) -> Input<NodeLocal> {
+    Input::Message(Envelope {
+        from: AgentId::Manager,
+        boot: BootId(boot),
+        to: AgentId::Controller(me()),
+        body: Message::Registered(Registered {
+            assigned: Vec::new(),
+            ineligible: Vec::new(),
+        }),
+    })
+}
+
+/// Its wall clock was set back, or a second manager has come and gone: the highest boot id is not the one that lives.
+#[test]
+fn a_manager_with_a_lower_boot_is_heeded_once_the_one_before_is_gone() {
+    let mut n = joined();
+    // Both live: the later one counts.
+    n.handle(manager(40, true), Now(10));
+    n.handle(word_of(40), Now(11));
+    assert_eq!(kinds(&mut n), "");
+    n.handle(manager(50, false), Now(20));
+    assert_eq!(kinds(&mut n), "");
+    n.handle(word_of(40), Now(30));
+    assert_eq!(kinds(&mut n), "register report");
+    assert!(n.controller().is_registered());
+    // Late words of the one that is gone change nothing.
+    n.handle(word_of(50), Now(40));
+    assert_eq!(kinds(&mut n), "");
+    // It was only out of sight: the later one counts again.
+    n.handle(manager(50, true), Now(50));
+    assert_eq!(kinds(&mut n), "register");
+    n.handle(word_of(40), Now(60));
+    assert_eq!(kinds(&mut n), "");
 }
 
 #[test]

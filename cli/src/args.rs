@@ -1,5 +1,8 @@
 //! The command line of `fam`.
 
+use crate::engineering::{
+    ConvertArgs, DiffArgs, ExportArgs, GenerateArgs, ImportArgs, NewArgs, ShowArgs,
+};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use fam_proto::{ControllerId, GatewayId, McId};
 use std::net::SocketAddr;
@@ -63,12 +66,30 @@ pub enum Command {
     Ack(AckArgs),
     /// Read and write the points of a gateway with the `image` driver
     Io(IoArgs),
-    /// Check a cell and say everything that is wrong with it
+    /// Run the programs of a project alone, in simulated time
+    Run(RunArgs),
+    /// Check cells and logic and say everything that is wrong with them
     Check(CheckArgs),
-    /// Write the Flexible Automation Projects and diagnosis files of a cell
+    /// Run Structured Text test programs and count what holds
+    Test(TestArgs),
+    /// Write everything that runs: projects, diagnosis files, agents, deployment
     Generate(GenerateArgs),
+    /// Show a model as a tree
+    Show(ShowArgs),
+    /// Say what changed between two versions of a model, and what becomes of the state
+    Diff(DiffArgs),
+    /// Write a model in another form: AutomationML or cell.toml
+    Convert(ConvertArgs),
+    /// Write a small cell to begin with
+    New(NewArgs),
+    /// Propose a model from the logic of an existing PLC project
+    Import(ImportArgs),
+    /// Write the logic of a model as one ordinary PLC project
+    Export(ExportArgs),
     /// Measure this machine and this build
     Bench(crate::bench::BenchArgs),
+    /// Run seeded schedules of faults against a whole simulated cell
+    Simulate(crate::simulate::SimulateArgs),
     /// Run the cell for hours with a random fault every few seconds, and keep a ledger
     Soak(crate::soak::SoakArgs),
 }
@@ -214,6 +235,9 @@ pub struct GatewayArgs {
     /// Publish what is applied behind the fence, for benchmarks and reports
     #[arg(long)]
     pub recorder: bool,
+    /// File that gets the journal of what is applied behind the fence
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub journal: Option<PathBuf>,
     /// Apply every frame, whoever sends it: drives no plant safely
     #[cfg(feature = "fence-off")]
     #[arg(long)]
@@ -373,16 +397,74 @@ pub enum IoCommand {
 /// `fam check`
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// Cell model
-    pub cell: PathBuf,
+    /// Cell models, Structured Text and PLCopen XML; the kind is recognised from the content
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+    /// Print the result in the Static Analysis Results Interchange Format
+    #[arg(long, conflicts_with = "json")]
+    pub sarif: bool,
+    /// Whose liberties are taken with the standard
+    #[arg(long, value_enum, default_value = "standard")]
+    pub dialect: DialectArg,
 }
 
-/// `fam generate`
+/// Whose liberties are taken with the standard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DialectArg {
+    /// None.
+    Standard,
+    /// Those of CODESYS: numbers become narrower ones with a warning.
+    Codesys,
+}
+
+/// `fam run`
 #[derive(Debug, Args)]
-pub struct GenerateArgs {
-    /// Cell model
-    pub cell: PathBuf,
-    /// Where to
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+pub struct RunArgs {
+    /// Structured Text or PLCopen XML
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Only this program, or an instance of this function block; else all, as their tasks say
+    #[arg(long, value_name = "NAME")]
+    pub program: Option<String>,
+    /// How many scans; 1 unless in real time
+    #[arg(long)]
+    pub scans: Option<u64>,
+    /// Time from one scan to the next; else the shortest interval of the tasks, or 10
+    #[arg(long, value_name = "MS")]
+    pub cycle_ms: Option<f64>,
+    /// Table of values to set: a column `scan` or `time_ms`, then one for each variable
+    #[arg(long, value_name = "FILE")]
+    pub inputs: Option<PathBuf>,
+    /// Table of values after each scan
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
+    /// Show these variables after each scan
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    pub watch: Vec<String>,
+    /// Wait for the time of each scan
+    #[arg(long)]
+    pub realtime: bool,
+    /// End with one JSON object that holds all variables
+    #[arg(long)]
+    pub json: bool,
+    /// Whose liberties are taken with the standard
+    #[arg(long, value_enum, default_value = "standard")]
+    pub dialect: DialectArg,
+}
+
+/// `fam test`
+#[derive(Debug, Args)]
+pub struct TestArgs {
+    /// Folder with Structured Text: programs whose names begin with TEST are the tests, all else supports them
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Scans of each test, unless its variable `done` becomes TRUE before
+    #[arg(long, default_value_t = 1_000)]
+    pub scans: u64,
+    /// Time from one scan to the next
+    #[arg(long, default_value_t = 10.0)]
+    pub cycle_ms: f64,
 }

@@ -2,17 +2,22 @@
 
 mod args;
 mod bench;
-mod cell;
+mod chain;
 mod demo;
+mod engineering;
 mod io;
+mod logic;
 mod observe;
 mod operate;
 mod processes;
 mod report;
+mod run;
 mod running;
 mod serve;
+mod simulate;
 mod soak;
 mod status;
+mod tests_of_logic;
 mod up;
 
 use anyhow::Result;
@@ -31,7 +36,12 @@ fn main() -> ExitCode {
             } else {
                 "error"
             };
-            eprintln!("{word}: {error:#}");
+            let text = format!("{error:#}");
+            // Problems with files carry their own word and code.
+            match text.strip_prefix("error") {
+                Some(rest) => eprintln!("{word}{rest}"),
+                None => eprintln!("{word}: {text}"),
+            }
             ExitCode::from(2)
         }
     }
@@ -43,9 +53,18 @@ fn dispatch(command: Command) -> Result<bool> {
         // These watch real processes from plain threads and bring their own runtime.
         Command::Demo(args) => return demo::run(&args),
         Command::Bench(args) => return bench::run(&args).map(|()| true),
+        Command::Simulate(args) => return simulate::run_schedules(&args),
         Command::Soak(args) => return soak::run(&args),
-        Command::Check(args) => return cell::check(&args.cell),
-        Command::Generate(args) => return cell::generate(&args.cell, &args.out).map(|()| true),
+        Command::Run(args) => return run::run(&args),
+        Command::Test(args) => return tests_of_logic::run(&args),
+        Command::Check(args) => return logic::check(&args),
+        Command::Generate(args) => return engineering::generate(&args).map(|()| true),
+        Command::Show(args) => return engineering::show(&args).map(|()| true),
+        Command::Diff(args) => return engineering::diff(&args),
+        Command::Convert(args) => return engineering::convert(&args).map(|()| true),
+        Command::New(args) => return engineering::new(&args).map(|()| true),
+        Command::Import(args) => return engineering::import(&args).map(|()| true),
+        Command::Export(args) => return engineering::export(&args).map(|()| true),
         _ => {}
     }
     serve::prefer_this_process(match &command {
@@ -59,9 +78,18 @@ fn dispatch(command: Command) -> Result<bool> {
         match command {
             Command::Demo(_)
             | Command::Bench(_)
+            | Command::Simulate(_)
             | Command::Soak(_)
+            | Command::Run(_)
+            | Command::Test(_)
             | Command::Check(_)
-            | Command::Generate(_) => {}
+            | Command::Generate(_)
+            | Command::Show(_)
+            | Command::Diff(_)
+            | Command::Convert(_)
+            | Command::New(_)
+            | Command::Import(_)
+            | Command::Export(_) => {}
             Command::Up(args) => up::run(&args).await?,
             Command::Manager(args) => serve::manager(args).await?,
             Command::Node(args) => serve::node(args).await?,

@@ -89,6 +89,32 @@ impl Process {
             .with_context(|| format!("cannot send {signal} to {}", self.name))
     }
 
+    /// Waits until a thread of this name begins to run, as the system tells; gives up after a while.
+    pub fn wait_thread_runs(&self, thread: &str, within: Duration) {
+        let tasks = PathBuf::from(format!("/proc/{}/task", self.child.id()));
+        let named = |task: &Path| {
+            std::fs::read_to_string(task.join("comm")).is_ok_and(|name| name.trim() == thread)
+        };
+        let task = std::fs::read_dir(tasks)
+            .ok()
+            .and_then(|tasks| tasks.flatten().map(|t| t.path()).find(|t| named(t)));
+        let Some(stat) = task.map(|task| task.join("stat")) else {
+            return;
+        };
+        let runs = || {
+            let text = std::fs::read_to_string(&stat).unwrap_or_default();
+            text.rsplit(')')
+                .next()
+                .is_some_and(|rest| rest.trim_start().starts_with('R'))
+        };
+        let deadline = Instant::now() + within;
+        for wanted in [false, true] {
+            while runs() != wanted && Instant::now() < deadline {
+                std::hint::spin_loop();
+            }
+        }
+    }
+
     /// Exit status, if it has ended.
     ///
     /// # Errors

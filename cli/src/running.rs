@@ -39,6 +39,8 @@ pub struct Running {
     nodes: BTreeMap<String, Process>,
     /// Traced nodes, with the endpoints at which their measuring points are had.
     listen: BTreeMap<String, String>,
+    /// Further options of nodes, by controller.
+    options: BTreeMap<String, Vec<String>>,
 }
 
 impl Running {
@@ -60,6 +62,7 @@ impl Running {
             manager: None,
             nodes: BTreeMap::new(),
             listen: BTreeMap::new(),
+            options: BTreeMap::new(),
             setup,
         };
         if cell.setup.plant {
@@ -93,6 +96,12 @@ impl Running {
         let endpoint = format!("tcp/{}", free_address()?);
         self.listen.insert(controller.to_owned(), endpoint.clone());
         Ok(endpoint)
+    }
+
+    /// Gives a node further options from its next start on.
+    pub fn node_options(&mut self, controller: &str, options: &[&str]) {
+        let options = options.iter().map(|&o| o.to_owned()).collect();
+        self.options.insert(controller.to_owned(), options);
     }
 
     /// Status port of the plant.
@@ -220,6 +229,8 @@ impl Running {
         for endpoint in &connect {
             args.extend(["--connect", endpoint]);
         }
+        let options = self.options.get(controller).into_iter().flatten();
+        args.extend(options.map(String::as_str));
         let node = self.spawn(controller, &args)?;
         self.nodes.insert(controller.to_owned(), node);
         Ok(())

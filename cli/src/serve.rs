@@ -82,6 +82,7 @@ pub async fn gateway(a: GatewayArgs) -> Result<()> {
         connect: a.connect,
         field_address: a.field,
         stream_applied: a.recorder,
+        journal: a.journal,
         #[cfg(feature = "fence-off")]
         fence_off: a.fence_off,
         ..GatewayOptions::new(a.cell, a.records)

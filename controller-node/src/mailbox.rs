@@ -93,6 +93,7 @@ mod tests {
             sent_at_us: 0,
             inputs: Vec::new(),
             records: Vec::new(),
+            exports: Vec::new(),
         })
     }
 

@@ -81,9 +81,13 @@ pub async fn run(
     if hosted.specs.is_empty() {
         tracing::warn!("no MC of cell {} is hosted on {name}", model.cell);
     }
+    let boot = match &options.cache {
+        Some(cache) => fam_driver::boot_after(&cache.join(format!("{name}.boot"))),
+        None => fam_driver::boot_id(),
+    };
     let owner = Owner {
         controller: options.controller.clone(),
-        boot: fam_driver::boot_id(),
+        boot,
     };
     let locked = real_time::lock_memory(&options.real_time);
 

@@ -1,7 +1,7 @@
 //! Measuring points on the production path, for benchmarks: off unless asked for.
 //!
 //! One JSON object a line under [`key`], in batches; times are CLOCK_MONOTONIC nanoseconds, which processes of one machine
-//! share. `scanned`: the scan has ended on the node that drives the MC, with what checkpoint and frame have cost.
+//! share. `late`: how late ticks began. `scanned`: the scan has ended on the node that drives the MC, with what checkpoint and frame have cost.
 //! `held`: the checkpoint lies in the passive instance of another node.
 
 use fam_proto::{CellId, CheckpointId, ControllerId, McId};
@@ -52,6 +52,11 @@ pub enum Point {
         scan: u64,
         /// When.
         at_ns: u64,
+    },
+    /// How late ticks were since the last such point.
+    Late {
+        /// Upper ends of the histogram's buckets, in nanoseconds, and how many ticks lie in each.
+        buckets: Vec<(u64, u64)>,
     },
 }
 

@@ -8,7 +8,7 @@ use crate::cpu::ThreadClock;
 use crate::mailbox::Mailbox;
 use crate::scan_thread::{Doing, Jitter};
 use crate::shared::Shared;
-use crate::trace::Trace;
+use crate::trace::{Point, Trace};
 use crossbeam_channel::{Receiver, Sender};
 use fam_driver::{Link, Topic};
 use fam_proto::GatewayId;
@@ -143,6 +143,17 @@ impl<I: Fn()> Watchdog<I> {
             if let Some(total) = total {
                 let _ = total.add(&full);
             }
+            self.trace.add(|| Point::Late {
+                buckets: full
+                    .iter_recorded()
+                    .map(|bucket| {
+                        (
+                            bucket.value_iterated_to(),
+                            bucket.count_since_last_iteration(),
+                        )
+                    })
+                    .collect(),
+            });
             full.reset();
             let _ = self.jitter_back.try_send(full);
         }

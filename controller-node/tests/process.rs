@@ -348,7 +348,7 @@ async fn a_node_registers_runs_follows_and_hands_over_before_it_ends() {
         .await;
     node.await.unwrap().unwrap();
     assert!(played.has_heard(|m| {
-        matches!(m, Message::Event(e) if e.text.contains("Feeder, Press could not be handed over"))
+        matches!(m, Message::Event(e) if e.text.contains("leaves Feeder, Press behind"))
     }));
 }
 

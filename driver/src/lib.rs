@@ -5,7 +5,7 @@
 //! - [`Client`]: an operator's command: asks the manager, and repeats until it is answered.
 //! - [`FrameSender`]: puts frames from a plain thread.
 //! - [`Topic`], [`Link::subscribe`], [`Link::serve`], [`Link::request`]: plain bytes for recorders and field values.
-//! - [`init_logging`], [`clock`], [`boot_id`], [`runtime`], [`termination`]: what each process needs around them.
+//! - [`init_logging`], [`clock`], [`boot_id`], [`boot_after`], [`runtime`], [`termination`]: what each process needs around them.
 //!
 //! Everything here needs a multi-threaded tokio runtime ([`runtime`], or `#[tokio::test(flavor = "multi_thread")]`).
 
@@ -14,6 +14,7 @@ mod client;
 mod clock;
 mod config;
 mod frames;
+mod linger;
 mod link;
 mod logging;
 mod process;
@@ -22,7 +23,7 @@ mod run;
 mod topic;
 
 pub use client::{Client, ClientError};
-pub use clock::{boot_id, clock, now, wall_us};
+pub use clock::{boot_after, boot_id, clock, now, wall_us};
 pub use frames::{FrameBytes, FrameSender, FrameSink, Frames, ImageSink, Sinks};
 pub use link::{EVENTS_WAITING_MAX, Link, LinkError, LinkEvent, LinkEvents, LinkOptions};
 pub use logging::{LogFormat, init_logging, log_event};

@@ -66,6 +66,7 @@ impl Reach {
         every.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         while !session.is_closed() {
             every.tick().await;
+            crate::linger::off();
             let missing: BTreeSet<String> = self.look(&session).await.into_iter().collect();
             for endpoint in before.difference(&missing) {
                 tracing::info!("{process} is connected to {endpoint}");

@@ -1,10 +1,12 @@
-//! From `cell.toml` and its logic to everything that runs: the cell model for all processes, a compiled module for each MC.
+//! From a model and its logic to everything that runs: the cell model for all processes, a compiled module for each MC.
 //!
 //! Stages: read the model; for each MC (in parallel) read and check its logic and hold its variables against the model; join the
 //! MCs (exports, writers); for each MC (in parallel) work out the masks, generate the POUs, compile. Every stage collects
 //! its problems, so that one run shows all that is wrong. The same files give the same result, whatever the machine.
 
+use crate::caex::hints::retell;
 use crate::control::ControlLayout;
+use crate::files::ModelFiles;
 use crate::generate::{
     Copy, Names, Plan, PlanInterval, REGION_CHECKPOINT, REGION_STATE, Target, generate, portable,
     stop_number,
@@ -12,8 +14,10 @@ use crate::generate::{
 use crate::intervals::{Interval, intervals};
 use crate::io::{self, Image};
 use crate::logic::{self, Logic};
+use crate::model::open::{Opened, open};
 use crate::model::{Cell, McSpec, resolve};
-use crate::problem::{Explain, Problems, TomlText, file_error};
+use crate::narrow::{Narrowed, narrowed};
+use crate::problem::{Explain, Problems};
 use fam_proto::codec::MESSAGE_BYTES_MAX;
 use fam_proto::diagnosis::{CriticalInterval, Diagnosis};
 use fam_proto::model::{CellModel, McModel};
@@ -59,6 +63,8 @@ impl BuiltCell {
 pub struct BuiltMc {
     /// Its name.
     pub mc: McId,
+    /// Its main PROGRAM.
+    pub program: String,
     /// Its cycle, in microseconds.
     pub cycle_us: u32,
     /// The module: entry is `<MC>_Control`; regions `checkpoint`, `state`, `work`.
@@ -133,7 +139,7 @@ impl BuiltMc {
     }
 }
 
-/// Builds a cell from its `cell.toml`.
+/// Builds a cell from its model: `cell.toml`, AutomationML (`.aml`) or a container (`.amlx`).
 ///
 /// # Errors
 /// All [`Problems`] of model and logic at once.
@@ -154,19 +160,25 @@ pub fn build_model(path: &Path) -> Result<CellModel, Problems> {
 /// # Errors
 /// As [`build`].
 pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Problems::one(file_error("M103", path, format!("cannot be read: {e}"))))?;
-    let text = TomlText {
-        name: path.display().to_string(),
+    let Opened {
+        file,
         text,
+        files,
+        problems,
+    } = open(path);
+    let Some(file) = file else {
+        return Err(Problems {
+            list: sorted(problems),
+        });
     };
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let (cell, mut problems) = resolve::read(text);
+    let (cell, mut problems) = resolve::resolve(file, text, problems);
     let Some(cell) = cell else {
-        return Err(Problems { list: problems });
+        return Err(Problems {
+            list: sorted(problems),
+        });
     };
 
-    let front: Vec<Front> = in_parallel(cell.mcs.len(), |index| front(&cell, index, folder));
+    let front: Vec<Front> = in_parallel(cell.mcs.len(), |index| front(&cell, index, &files));
     let (mut logics, mut images) = (Vec::new(), Vec::new());
     for part in front {
         problems.extend(part.problems);
@@ -195,7 +207,10 @@ pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
     if mcs.len() == cell.mcs.len() {
         sizes(&cell, &mcs, &mut problems);
     }
-    let problems = sorted(problems);
+    let mut problems = sorted(problems);
+    if cell.text.is_caex() {
+        problems.iter_mut().for_each(retell);
+    }
     if problems.iter().any(|p| p.severity == Severity::Error) {
         return Err(Problems { list: problems });
     }
@@ -276,10 +291,10 @@ struct Front {
     problems: Vec<Diagnostic>,
 }
 
-fn front(cell: &Cell, index: usize, folder: &Path) -> Front {
+fn front(cell: &Cell, index: usize, files: &ModelFiles) -> Front {
     let mc = &cell.mcs[index];
     let mut problems = Vec::new();
-    let logic = logic::load(cell, mc, folder, &mut problems);
+    let logic = logic::load(cell, mc, files, &mut problems);
     let image = logic
         .as_ref()
         .map(|logic| io::image(cell, mc, logic, &mut problems));
@@ -343,11 +358,13 @@ fn back(
         }
     };
     let state_index = layout.region_index(REGION_STATE)?;
-    let in_state = |path: &str| -> Option<(u32, Elem)> {
+    let narrowed = narrowed(cell, mc, &layout, state_index, problems);
+    let anywhere = |path: &str| -> Option<(u32, Elem)> {
         let found = layout.find(path)?;
         (found.area == Area::Region(state_index)).then_some(())?;
         Some((found.offset, found.ty.elem()?))
     };
+    let in_state = |path: &str| anywhere(path).filter(|(offset, _)| !narrowed.contains(*offset));
     let found = intervals(
         cell,
         mc,
@@ -365,7 +382,7 @@ fn back(
     }
     let intervals: Vec<Interval> = found.into_iter().flatten().collect();
     let state_len = layout.regions[state_index].len;
-    let copy = match copy(mc, logic, target, &in_state) {
+    let copy = match copy(mc, logic, target, &anywhere) {
         Ok(copy) => copy,
         Err(e) => {
             let problem = cell
@@ -392,6 +409,7 @@ fn back(
         stop: mc.stop.as_ref().map(|s| s.get_ref().as_str()),
         state_len,
         copy,
+        fixed: &narrowed.places,
     };
     let control_st = generate(&plan);
     let mut sources = logic.sources.clone();
@@ -402,7 +420,9 @@ fn back(
     match compiled(mc, logic, &sources, state_len > 0) {
         Ok(compiled) => {
             outside(cell, mc, &compiled.layout, problems);
-            Some(finish(mc, &intervals, compiled, sources, control_st))
+            Some(finish(
+                mc, &intervals, compiled, sources, control_st, &narrowed,
+            ))
         }
         Err(found) => {
             problems.extend(found);
@@ -471,6 +491,7 @@ pub fn compile_sources(
     // The logic has passed without it: only what is generated makes use of it.
     let options = CheckOptions {
         allow_internal_access: true,
+        ..CheckOptions::default()
     };
     let typed = check(&project, options)?;
     compile(&typed, spec)
@@ -482,6 +503,7 @@ fn finish(
     compiled: CompiledMc,
     sources: Vec<SourceFile>,
     control_st: String,
+    narrowed: &Narrowed,
 ) -> BuiltMc {
     let layout = &compiled.layout;
     let control = ControlLayout::of(mc.mc.as_str(), layout);
@@ -525,11 +547,12 @@ fn finish(
     let state_variables = layout
         .variables
         .iter()
-        .filter(|v| v.area == Area::Region(state))
+        .filter(|v| v.area == Area::Region(state) && !narrowed.contains(v.offset))
         .map(state_variable)
         .collect();
     BuiltMc {
         mc: mc.mc.clone(),
+        program: mc.program.get_ref().clone(),
         cycle_us: mc.cycle_us,
         control,
         initial_checkpoint,
@@ -552,7 +575,7 @@ fn state_variable(variable: &VariableInfo) -> StateVariable {
     }
 }
 
-fn type_name(node: &TypeNode) -> String {
+pub(crate) fn type_name(node: &TypeNode) -> String {
     match node {
         TypeNode::Elem(elem) => elem.name().to_owned(),
         TypeNode::Enum { name, base, values } if name.is_empty() => {
@@ -561,6 +584,9 @@ fn type_name(node: &TypeNode) -> String {
         }
         TypeNode::Enum { name, .. } | TypeNode::Struct { name, .. } => name.clone(),
         TypeNode::Subrange { base, lo, hi } => format!("{base} ({lo}..{hi})"),
+        TypeNode::Text { wide, len } => {
+            format!("{}[{len}]", if *wide { "WSTRING" } else { "STRING" })
+        }
         TypeNode::Array { dims, elem, .. } => {
             let dims: Vec<String> = dims.iter().map(|(lo, hi)| format!("{lo}..{hi}")).collect();
             format!("ARRAY[{}] OF {}", dims.join(", "), type_name(elem))

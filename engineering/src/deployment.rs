@@ -2,7 +2,7 @@
 //!
 //! Every key has a default, so that `cell = "cell.toml"` is a whole deployment. Paths are relative to the file.
 
-use crate::problem::{Explain, Problems, TomlText, file_error, suggestion};
+use crate::problem::{Explain, ModelText, Problems, file_error, suggestion};
 use fam_proto::model::{CellModel, FieldDriver};
 use fam_proto::{ControllerId, GatewayId};
 use fam_soft_plc::diag::Diagnostic;
@@ -17,7 +17,7 @@ pub const PORT_FIRST: u16 = 7447;
 /// The file as read; [`DeploymentFile::resolve`] holds it against its cell.
 #[derive(Debug)]
 pub struct DeploymentFile {
-    text: TomlText,
+    text: ModelText,
     folder: PathBuf,
     table: Table,
 }
@@ -182,10 +182,7 @@ impl DeploymentFile {
     /// # Errors
     /// As [`DeploymentFile::read`].
     pub fn parse(name: &str, text: String, folder: PathBuf) -> Result<DeploymentFile, Problems> {
-        let text = TomlText {
-            name: name.to_owned(),
-            text,
-        };
+        let text = ModelText::new(name, text);
         match toml::from_str(&text.text) {
             Ok(table) => Ok(DeploymentFile {
                 text,

@@ -5,7 +5,7 @@ use crate::logic::Logic;
 use crate::masks::satisfy::{Satisfiable, satisfiable};
 use crate::masks::{Locate, masks};
 use crate::model::{Cell, IntervalSpec, McSpec};
-use crate::problem::{Explain, TomlText};
+use crate::problem::{Explain, ModelText};
 use crate::values::{st_text, value_of};
 use fam_proto::diagnosis::{IntervalKind, Mask};
 use fam_soft_plc::check::check_expression;
@@ -171,7 +171,7 @@ fn char_offset(text: &str, line: u32, column: u32) -> usize {
 }
 
 /// A part of a string value in the file; the whole string if it does not stand there letter by letter.
-fn place_in(file: &TomlText, value: &Spanned<String>, at: usize, len: usize) -> Range<usize> {
+fn place_in(file: &ModelText, value: &Spanned<String>, at: usize, len: usize) -> Range<usize> {
     let span = value.span();
     let written = file.text.get(span.clone()).unwrap_or("");
     match written.find(value.get_ref().as_str()) {

@@ -1,5 +1,6 @@
 //! The logic of one MC: read, checked by the compiler, and held against what the model says of it.
 
+use crate::files::ModelFiles;
 use crate::generate::Names;
 use crate::model::{Cell, McSpec};
 use crate::problem::{Explain, suggestion};
@@ -12,7 +13,6 @@ use fam_soft_plc::syntax::ast::{PouKind, VarSection};
 use fam_soft_plc::types::Elem;
 use std::collections::BTreeSet;
 use std::ops::Range;
-use std::path::Path;
 use toml::Spanned;
 
 /// The logic as the engineer wrote it, without generated POUs.
@@ -31,10 +31,10 @@ pub struct Logic {
 pub fn load(
     cell: &Cell,
     mc: &McSpec,
-    folder: &Path,
+    files: &ModelFiles,
     problems: &mut Vec<Diagnostic>,
 ) -> Option<Logic> {
-    let sources = read_files(cell, mc, folder, problems)?;
+    let sources = read_files(cell, mc, files, problems)?;
     let (project, found) = parse_project(&sources);
     let failed = found.iter().any(|d| d.severity == Severity::Error);
     problems.extend(found);
@@ -52,6 +52,7 @@ pub fn load(
     // The logic keeps to the standard; conditions and checkpoint states may name what is internal to instances.
     let inside = CheckOptions {
         allow_internal_access: true,
+        ..CheckOptions::default()
     };
     let typed = check(&project, inside).ok()?;
     let programs = programs(cell, mc, &typed, problems)?;
@@ -77,21 +78,21 @@ pub fn load(
 fn read_files(
     cell: &Cell,
     mc: &McSpec,
-    folder: &Path,
+    files: &ModelFiles,
     problems: &mut Vec<Diagnostic>,
 ) -> Option<Vec<SourceFile>> {
     let mut sources = Vec::new();
     let mut complete = true;
     for file in &mc.logic {
-        match std::fs::read_to_string(folder.join(file.get_ref())) {
+        match files.read(file.get_ref()) {
             Ok(text) => sources.push(SourceFile::new(file.get_ref().clone(), text)),
             Err(e) => {
                 complete = false;
-                let message = format!("MC {}: `{}` cannot be read: {e}", mc.mc, file.get_ref());
                 problems.push(
                     cell.text
-                        .error("M209", file.span(), message)
-                        .expected("a file with ST or PLCopen XML, relative to the model"),
+                        .error("M209", file.span(), format!("MC {}: {e}", mc.mc))
+                        .expected("a file with ST or PLCopen XML, relative to the model")
+                        .hint(e.hint()),
                 );
             }
         }

@@ -48,16 +48,61 @@ impl fmt::Display for Problems {
 
 impl std::error::Error for Problems {}
 
-/// A TOML file that problems point into.
+/// A named element of a model file, so that problems can say in which one they are.
 #[derive(Debug, Clone)]
-pub struct TomlText {
+pub struct Place {
+    /// From its beginning to its end, in bytes.
+    pub at: Range<usize>,
+    /// Its name.
+    pub name: String,
+    /// Number of the element that it stands in, an earlier one.
+    pub inside: Option<usize>,
+}
+
+/// A model file that problems point into.
+#[derive(Debug, Clone, Default)]
+pub struct ModelText {
     /// As people know it: a path.
     pub name: String,
     /// Its content.
     pub text: String,
+    /// Its named elements in the order of the text; none for TOML, whose lines say enough.
+    pub places: Vec<Place>,
 }
 
-impl TomlText {
+impl ModelText {
+    /// A file without named elements.
+    #[must_use]
+    pub fn new(name: impl Into<String>, text: impl Into<String>) -> ModelText {
+        ModelText {
+            name: name.into(),
+            text: text.into(),
+            places: Vec::new(),
+        }
+    }
+
+    /// Whether this is an AutomationML file.
+    #[must_use]
+    pub fn is_caex(&self) -> bool {
+        !self.places.is_empty()
+    }
+
+    /// Path of the innermost element around a byte: `fms200/Station1/Picking`.
+    #[must_use]
+    pub fn element_path(&self, byte: usize) -> Option<String> {
+        let begun = self.places.partition_point(|p| p.at.start <= byte);
+        let mut next = self.places[..begun]
+            .iter()
+            .rposition(|p| p.at.contains(&byte));
+        let mut names = Vec::new();
+        while let Some(index) = next {
+            names.push(self.places[index].name.as_str());
+            next = self.places[index].inside;
+        }
+        names.reverse();
+        (!names.is_empty()).then(|| names.join("/"))
+    }
+
     /// Line and column of a byte, counted from 1; the column counts characters.
     #[must_use]
     pub fn position(&self, byte: usize) -> (u32, u32) {
@@ -96,6 +141,7 @@ impl TomlText {
             hint: None,
         };
         if let Some(span) = span {
+            diagnostic.pou = self.element_path(span.start);
             let (line, column) = self.position(span.start);
             let source_line = self
                 .text

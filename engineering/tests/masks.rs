@@ -158,6 +158,7 @@ fn program(engine: &Engine, conditions: Vec<String>) -> Program {
         &project,
         CheckOptions {
             allow_internal_access: true,
+            ..CheckOptions::default()
         },
     )
     .unwrap_or_else(|p| panic!("{}\n{text}", p[0]));

@@ -262,3 +262,33 @@ fn damaged_diagnosis_files_are_refused() {
         );
     }
 }
+
+#[test]
+fn diagnosis_files_are_valid_against_their_schema() {
+    if Command::new("xmllint").arg("--version").output().is_err() {
+        eprintln!("passed over: xmllint is not installed");
+        return;
+    }
+    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/lib/diagnosis.xsd");
+    for built in [Some(build(&two_stations()).unwrap()), fms200()]
+        .into_iter()
+        .flatten()
+    {
+        let dir = tempfile::tempdir().unwrap();
+        let files = write_projects(&built, dir.path()).unwrap();
+        let diagnoses = files
+            .iter()
+            .filter(|f| f.to_str().unwrap().ends_with(".diagnosis.xml"));
+        let out = Command::new("xmllint")
+            .args(["--noout", "--nonet", "--schema"])
+            .arg(&schema)
+            .args(diagnoses)
+            .output()
+            .unwrap();
+        assert!(
+            out.status.success(),
+            "{}",
+            String::from_utf8_lossy(&out.stderr)
+        );
+    }
+}

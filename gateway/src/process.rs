@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use fam_driver::{Frames, Link, LinkOptions, Shell, Sinks};
 use fam_gateway_core::{Gateway, GatewayAct, GatewayLocal, RecordWrite, Why};
 use fam_proto::model::{CellModel, FieldDriver};
-use fam_proto::{GatewayId, McId, Now, ProcessId, decode_frame, keys};
+use fam_proto::{BootId, GatewayId, McId, Now, ProcessId, decode_frame, keys};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -92,8 +92,9 @@ pub async fn run_model(
 ) -> anyhow::Result<()> {
     let id = choose(model, options.gateway.as_ref())?;
     // The model is checked before anything on disk is touched.
-    Gateway::new(model, &id, fam_driver::boot_id(), 0, vec![], Now(0))?;
+    Gateway::new(model, &id, BootId(0), 0, vec![], Now(0))?;
     let (records, stored) = RecordFile::open(&options.records, model, &id)?;
+    fam_driver::boot_after(&options.records.with_extension("boot"));
     let journal = match &options.journal {
         Some(path) => Some(
             std::fs::File::create(path)
@@ -120,6 +121,8 @@ pub async fn run_model(
             listen: options.listen.clone(),
             connect: options.connect.clone(),
             frames: Frames::Of(mcs.clone()),
+            // Exported variables of other gateways' MCs come with their images.
+            images: model.gateways.len() > 1,
             peers: true,
             ..LinkOptions::new(model.cell.clone(), ProcessId::Gateway(id.clone()))
         },

@@ -3,7 +3,7 @@
 use crate::shell::ManagerShell;
 use crate::store::Store;
 use anyhow::Context;
-use fam_agents::manager::{ManagerAgents, ManagerLocal};
+use fam_agents::manager::{ManagerAgents, ManagerLocal, boot_after};
 use fam_driver::{Link, LinkOptions, boot_id, now, wall_us};
 use fam_proto::model::CellModel;
 use fam_proto::{BootId, ProcessId, RepoState};
@@ -52,7 +52,8 @@ pub async fn run(
 ) -> anyhow::Result<()> {
     let model = Arc::new(fam_engineering::build_model(&options.cell_file)?);
     let (repository, restored) = open_file(&options.repository, &model.cell)?;
-    run_on(model, repository, restored, boot_id(), options, shutdown).await
+    let boot = boot_after(boot_id().0, &restored);
+    run_on(model, repository, restored, boot, options, shutdown).await
 }
 
 /// As [`run`], over a model and a repository that are already there; the two paths of `options` are not looked at.

@@ -25,6 +25,9 @@ const LAYOUT: LayoutHash = LayoutHash(7);
 const HASH: u64 = 11;
 
 /// One for each test process, so that two of them never meet.
+/// A wall-clock time before any test was run, in microseconds: what boot ids are made of.
+const LONG_AGO_US: u64 = 1_600_000_000_000_000;
+
 fn cell() -> CellId {
     CellId::new(&format!("fake{}", std::process::id())).unwrap()
 }
@@ -216,6 +219,7 @@ async fn start_gateway(at: &str, record: Record) -> Task {
                     fresh: true,
                 }],
                 records: vec![record.get()],
+                exports: Vec::new(),
             });
         }
     }))
@@ -450,13 +454,16 @@ fn owned_by(name: &'static str) -> impl Fn(&CellStatus) -> bool {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_cell_starts_loses_a_controller_and_gets_its_manager_back() {
     let (at, disk, record) = (endpoint(), Disk::default(), Record::never());
-    let manager = Manager::start(&at, &disk, 100);
+    let manager = Manager::start(&at, &disk, LONG_AGO_US + 100);
     let _gateway = start_gateway(&at, record.clone()).await;
     let mut first = Node::start(&at, "c1", 1, record.clone()).await;
     let epoch = first.ordered().await;
     let mut client = Client::open(cell(), vec![at.clone()]).await.unwrap();
     let seen = status(&mut client, owned_by("c1")).await;
-    assert_eq!((seen.mcs[0].epoch, seen.manager_boot), (epoch, BootId(100)));
+    assert_eq!(
+        (seen.mcs[0].epoch, seen.manager_boot),
+        (epoch, BootId(LONG_AGO_US + 100))
+    );
 
     // The token goes: the other controller gets it under a higher epoch.
     let mut second = Node::start(&at, "c2", 2, record.clone()).await;
@@ -471,20 +478,18 @@ async fn a_cell_starts_loses_a_controller_and_gets_its_manager_back() {
     let (_, kept) = repository(&disk);
     assert!(kept.epochs[&station()] >= next);
     assert_eq!(kept.assignment[&station()], controller("c2"));
-    assert!(
-        kept.events
-            .iter()
-            .all(|e| e.wall_us > 1_600_000_000_000_000)
-    );
+    assert!(kept.events.iter().all(|e| e.wall_us > LONG_AGO_US));
     assert!(
         kept.events
             .iter()
             .any(|e| e.kind == EventKind::ControllerLost)
     );
     let before = record.get();
-    let manager = Manager::start(&at, &disk, 200);
+    let manager = Manager::start(&at, &disk, LONG_AGO_US + 200);
     let seen = status(&mut client, |s| {
-        owned_by("c2")(s) && s.manager_boot == BootId(200) && s.controllers.iter().any(|c| c.up)
+        owned_by("c2")(s)
+            && s.manager_boot == BootId(LONG_AGO_US + 200)
+            && s.controllers.iter().any(|c| c.up)
     })
     .await;
     assert_eq!(seen.mcs[0].epoch, next);

@@ -1,10 +1,15 @@
 //! A checkpoint told as a difference to an earlier one of the same length.
 //!
-//! Format: runs of `offset: u32 LE, len: u32 LE, bytes[len]`, ascending and not overlapping. Compared in blocks of
-//! [`BLOCK_BYTES`], neighbouring changed blocks joined to one run: a compare costs about what a copy costs.
+//! Format: runs of `offset: u32 LE, len: u32 LE, bytes[len]`, ascending and not overlapping. What has not changed is skipped in
+//! blocks of [`BLOCK_BYTES`], about as fast as a copy; around a change runs begin and end at words of [`WORD_BYTES`], so that
+//! single variables spread over a large state do not drag their neighbours along.
 
-/// Size of the blocks that are compared, in bytes.
+/// Size of the blocks that are compared first, in bytes.
 pub const BLOCK_BYTES: usize = 64;
+/// Grain of a run's beginning and end, in bytes; the last word of a checkpoint may be shorter.
+pub const WORD_BYTES: usize = 8;
+/// Unchanged bytes between two changes that are cheaper to send than a second run.
+const GAP_BYTES: usize = 16;
 const RUN_HEAD_BYTES: usize = 8;
 
 /// Why a delta could not be applied.
@@ -26,8 +31,8 @@ pub enum DeltaError {
     },
 }
 
-/// Appends to `out` what turns `old` into `new`. Returns `false`, with `out` as it was, if the lengths differ or the delta
-/// would be longer than `new` itself: then the full checkpoint is the better message.
+/// Appends to `out` what turns `old` into `new`. Returns `false`, with `out` as it was, if the lengths differ or the delta would be
+/// longer than half of `new`: then the full checkpoint is the better message, since it is neither compared nor copied twice.
 pub fn diff(old: &[u8], new: &[u8], out: &mut Vec<u8>) -> bool {
     if old.len() != new.len() {
         return false;
@@ -40,15 +45,11 @@ pub fn diff(old: &[u8], new: &[u8], out: &mut Vec<u8>) -> bool {
             at = end;
             continue;
         }
-        let mut run_end = end;
-        while run_end < new.len() {
-            let next = (run_end + BLOCK_BYTES).min(new.len());
-            if old[run_end..next] == new[run_end..next] {
-                break;
-            }
-            run_end = next;
+        while word(old, at) == word(new, at) {
+            at += WORD_BYTES;
         }
-        if out.len() - start + RUN_HEAD_BYTES + (run_end - at) > new.len() {
+        let run_end = run_end(old, new, at);
+        if out.len() - start + RUN_HEAD_BYTES + (run_end - at) > new.len() / 2 {
             out.truncate(start);
             return false;
         }
@@ -61,6 +62,30 @@ pub fn diff(old: &[u8], new: &[u8], out: &mut Vec<u8>) -> bool {
         at = run_end;
     }
     true
+}
+
+/// Where the run that begins with a changed word at `at` ends.
+fn run_end(old: &[u8], new: &[u8], at: usize) -> usize {
+    let (mut end, mut next) = (at, at);
+    while next < new.len() && next - end < GAP_BYTES {
+        let after = (next + WORD_BYTES).min(new.len());
+        if word(old, next) != word(new, next) {
+            end = after;
+        }
+        next = after;
+    }
+    end
+}
+
+/// The word at `at`; the last bytes of a checkpoint may be fewer.
+fn word(bytes: &[u8], at: usize) -> u64 {
+    match bytes.get(at..at + WORD_BYTES) {
+        Some(word) => u64::from_le_bytes(word.try_into().unwrap_or_default()),
+        None => bytes[at..]
+            .iter()
+            .rev()
+            .fold(0, |word, byte| word << 8 | u64::from(*byte)),
+    }
 }
 
 /// Applies a delta to `state` in place. On an error `state` is unchanged.
@@ -134,6 +159,28 @@ mod tests {
             if apply(&mut copy, &delta).is_err() {
                 prop_assert_eq!(copy, state);
             }
+        }
+    }
+
+    #[test]
+    fn single_variables_cost_their_word_and_a_head_each() {
+        let old = vec![0_u8; 8_003];
+        for (changed, want) in [
+            (&[16][..], 16),
+            (&[16, 24], 24),
+            (&[16, 32], 32),
+            (&[16, 40], 32),
+            (&[0, 4_000, 7_992], 48),
+            // the last word has three bytes
+            (&[8_002], 11),
+        ] {
+            let mut new = old.clone();
+            for at in changed {
+                new[*at] = 1;
+            }
+            let mut out = Vec::new();
+            assert!(diff(&old, &new, &mut out));
+            assert_eq!(out.len(), want, "{changed:?}");
         }
     }
 

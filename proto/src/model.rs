@@ -127,7 +127,7 @@ pub enum ModbusTable {
 pub enum InputSource {
     /// A field device.
     Field(FieldPoint),
-    /// An exported variable: an output of another MC of the same gateway, visible once applied.
+    /// An exported variable: an output of another MC, visible once applied; at another gateway a cycle later.
     Export {
         /// The MC that exports it.
         mc: McId,

@@ -96,6 +96,10 @@ fn image() -> InputImage {
             suspect: false,
             rejected: 2,
         }],
+        exports: vec![McExports {
+            mc: McId::new("Transport").unwrap(),
+            outputs: vec![1, 2],
+        }],
     }
 }
 

@@ -67,6 +67,11 @@ pub enum TypeNode {
         lo: i64,
         hi: i64,
     },
+    /// STRING or WSTRING: its length (4 bytes), then its characters.
+    Text {
+        wide: bool,
+        len: u32,
+    },
     Array {
         /// Lower and upper bound of each dimension; the last index varies fastest.
         dims: Vec<(i64, i64)>,
@@ -111,6 +116,12 @@ impl TypeNode {
                 out.push_str(&format!("{base}{values:?}"));
             }
             TypeNode::Subrange { base, lo, hi } => out.push_str(&format!("{base}({lo}..{hi})")),
+            TypeNode::Text { wide, len } => {
+                out.push_str(&format!(
+                    "{}[{len}]",
+                    if *wide { "WSTRING" } else { "STRING" }
+                ));
+            }
             TypeNode::Array { dims, stride, elem } => {
                 out.push_str(&format!("{dims:?}/{stride} "));
                 elem.describe(out);

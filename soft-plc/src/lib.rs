@@ -3,9 +3,11 @@
 //! `parse_project` (text to syntax tree) > `check` (typed tree) > `layout_of`, `compile` (memory layout, Wasm) >
 //! `Engine::prepare`, `Instance::scan`. No clock, no network, no randomness: MC time and inputs are arguments of a scan.
 
+pub mod calendar;
 pub mod check;
 pub mod codegen;
 pub mod diag;
+mod diagnose;
 pub mod layout;
 pub mod memory;
 mod plan;
@@ -13,14 +15,16 @@ mod plcopen;
 pub mod project;
 pub mod runtime;
 pub mod source;
+pub mod standalone;
 pub mod syntax;
 pub mod types;
 pub mod value;
 
 pub use check::tree::TypedProject;
-pub use check::{CheckOptions, check, check_expression, evaluate};
+pub use check::{CheckOptions, Dialect, check, check_expression, evaluate};
 pub use codegen::{CompiledMc, compile};
 pub use diag::{Diagnostic, Severity};
+pub use diagnose::diagnose;
 pub use layout::{
     Area, CompileSpec, FieldNode, Layout, Region, RegionSpec, TypeNode, VariableInfo, WORK_REGION,
     layout_of,

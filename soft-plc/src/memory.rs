@@ -5,6 +5,10 @@
 //!   A NaN in memory is the canonical one (16#7FC0_0000, 16#7FF8_0000_0000_0000), so that equal states have equal bytes.
 //! - Elements of an array are cells too, except BOOL, BYTE, SINT and USINT, which take 1 byte each; the array ends at a
 //!   4-byte boundary. The last index varies fastest.
+//! - A STRING is its current length (4 bytes), then as many bytes as its declared length, those beyond the current length 0;
+//!   a WSTRING likewise, with 2 bytes for each character. It ends at a 4-byte boundary.
+//! - DATE, TIME_OF_DAY and DATE_AND_TIME take 8 bytes like TIME; a reference is the address of what it refers to, or 0.
+//! - `%M` variables lie behind the first region, byte by byte as they are addressed.
 //! - Structures and function block instances are contiguous, in the order of declaration, aligned as their widest cell.
 //!   VAR_IN_OUT, VAR_TEMP and constants take no place in an instance.
 //! - Linear memory: the system area (`MC_TIME_AT`, `TRAP_SITE_AT`, `TRAP_DETAIL_AT`), inputs, outputs, the named regions in
@@ -82,6 +86,10 @@ impl Sizes {
                 (round_up(end, align), align)
             }
             TypeKind::FunctionBlock(pou) => self.instance(project, *pou),
+            TypeKind::Str { wide, len } => {
+                let bytes = u64::from(*len) * if *wide { 2 } else { 1 };
+                (4 + round_up(bytes, 4), 4)
+            }
             _ => match project.types.elem(ty) {
                 Some(elem) => {
                     let bytes = u64::from(elem.cell_bytes());
@@ -190,7 +198,13 @@ impl Filler<'_> {
                         self.variable(part, var.ty, var.init.as_ref());
                     }
                 }
+                if let Some(tag) = project.pou(*pou).tag {
+                    let at = self.sizes.offsets[tag.0 as usize] as usize;
+                    let value = crate::codegen::tag_of(*pou);
+                    bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+                }
             }
+            TypeKind::Str { .. } => {}
             _ => {
                 if let Some(value) = project.types.default_value(ty) {
                     value.store(bytes);
@@ -207,6 +221,19 @@ impl Filler<'_> {
         let project = self.project;
         match (init, project.types.kind(ty)) {
             (InitValue::Scalar(value), _) => value.store(bytes),
+            (InitValue::Text(units), TypeKind::Str { wide, len }) => {
+                bytes.fill(0);
+                let count = units.len().min(*len as usize);
+                bytes[..4].copy_from_slice(&(count as u32).to_le_bytes());
+                for (index, unit) in units[..count].iter().enumerate() {
+                    if *wide {
+                        let at = 4 + index * 2;
+                        bytes[at..at + 2].copy_from_slice(&unit.to_le_bytes());
+                    } else {
+                        bytes[4 + index] = *unit as u8;
+                    }
+                }
+            }
             (InitValue::Array(items), TypeKind::Array { elem, .. }) => {
                 let stride = self.sizes.stride(project, *elem) as usize;
                 let mut at = 0;

@@ -26,6 +26,8 @@ pub(crate) struct Plan {
     pub constants: Vec<(u32, Vec<u8>)>,
     /// Where scratch memory begins.
     pub scratch_at: u32,
+    /// Address of `%MB0`.
+    pub markers_at: u32,
 }
 
 struct Builder<'a> {
@@ -93,6 +95,10 @@ impl Plan {
             .filter(|g| !regions.iter().any(|r| r.1.contains(g)))
             .collect();
         lens.push(builder.region(regions.len(), &work_programs, &work_globals));
+        let markers = builder.markers(&reachable, lens[0]);
+        if let Some(end) = markers.1 {
+            lens[0] = end;
+        }
         let (inputs_len, outputs_len) = builder.image(&reachable, spec, problems);
 
         builder.assemble(
@@ -102,6 +108,7 @@ impl Plan {
             &lens,
             inputs_len,
             outputs_len,
+            markers.0,
             problems,
         )
     }
@@ -246,7 +253,7 @@ impl Builder<'_> {
             None => var.name.clone(),
         };
         let (mut len, _) = self.sizes.of(self.project, var.ty);
-        if !matches!(area, Area::Region(_)) {
+        if var.location.is_some() {
             len = self.image_bytes(var.ty);
         }
         if at.saturating_add(len) > MEMORY_BYTES_MAX {
@@ -277,6 +284,36 @@ impl Builder<'_> {
         }
     }
 
+    /// Places `%M` variables behind what the first region holds; answers where they begin, and the new end of the region
+    /// if there are any.
+    fn markers(&mut self, reachable: &[bool], end: u64) -> (u64, Option<u64>) {
+        let project = self.project;
+        let start = round_up(end, 8);
+        let mut len = 0;
+        for index in 0..project.vars.len() as u32 {
+            let id = VarId(index);
+            let var = project.var(id);
+            let Some(location) = var.location.filter(|l| l.memory) else {
+                continue;
+            };
+            if var.owner.is_some_and(|o| !reachable[o.0 as usize]) {
+                continue;
+            }
+            len = len.max(u64::from(location.byte) + self.image_bytes(var.ty));
+            self.place(id, Area::Region(0), start + u64::from(location.byte));
+        }
+        for (index, pou) in project.pous.iter().enumerate() {
+            if reachable[index] {
+                for location in direct_locations(&pou.body) {
+                    if location.memory {
+                        len = len.max(u64::from(location.byte) + 8);
+                    }
+                }
+            }
+        }
+        (start, (len > 0).then(|| round_up(start + len, 8)))
+    }
+
     /// Places located variables; answers the lengths of inputs and outputs.
     fn image(
         &mut self,
@@ -292,7 +329,7 @@ impl Builder<'_> {
         for index in 0..project.vars.len() as u32 {
             let id = VarId(index);
             let var = project.var(id);
-            let Some(location) = var.location else {
+            let Some(location) = var.location.filter(|l| !l.memory) else {
                 continue;
             };
             if var.owner.is_some_and(|o| !reachable[o.0 as usize]) {
@@ -316,6 +353,9 @@ impl Builder<'_> {
         for (index, pou) in project.pous.iter().enumerate() {
             if reachable[index] {
                 for location in direct_locations(&pou.body) {
+                    if location.memory {
+                        continue;
+                    }
                     let width = match location.size {
                         'W' => 2,
                         'D' => 4,
@@ -345,6 +385,10 @@ impl Builder<'_> {
                 base: *base,
                 lo: *lo as i64,
                 hi: *hi as i64,
+            },
+            TypeKind::Str { wide, len } => TypeNode::Text {
+                wide: *wide,
+                len: *len,
             },
             TypeKind::Array { dims, elem } => TypeNode::Array {
                 dims: dims.clone(),
@@ -402,6 +446,7 @@ impl Builder<'_> {
         lens: &[u64],
         inputs_len: u64,
         outputs_len: u64,
+        markers: u64,
         problems: &mut Vec<Problem>,
     ) -> Option<Plan> {
         let project = self.project;
@@ -461,6 +506,9 @@ impl Builder<'_> {
             addresses[id.0 as usize] = address as u32;
             let at = *at as usize;
             match area {
+                Area::Region(index) if var.location.is_some() => {
+                    initial_output(&mut filler, var, at, &mut initial[*index]);
+                }
                 Area::Region(index) => {
                     let (size, _) = filler.sizes.of(project, var.ty);
                     let bytes = &mut initial[*index][at..at + size as usize];
@@ -491,7 +539,9 @@ impl Builder<'_> {
             initial,
             initial_outputs,
         };
+        let markers_at = layout.regions.first().map_or(0, |r| r.offset) + markers as u32;
         Some(Plan {
+            markers_at,
             layout,
             sizes: self.sizes,
             addresses,

@@ -26,12 +26,25 @@ pub enum Elem {
     Lword,
     Real,
     Lreal,
-    /// Signed 64-bit nanoseconds.
+    /// Signed 64-bit nanoseconds; LTIME is the same type.
     Time,
+    /// Midnight of a day, signed 64-bit nanoseconds since 1970-01-01; LDATE is the same type.
+    Date,
+    /// Nanoseconds since midnight; LTOD is the same type.
+    Tod,
+    /// Signed 64-bit nanoseconds since 1970-01-01; LDT is the same type.
+    Dt,
+    /// One byte of a STRING.
+    Char,
+    /// One 16-bit unit of a WSTRING.
+    Wchar,
+    /// The address of a variable, 0 for NULL; only as the base of a reference type.
+    Ref,
 }
 
 impl Elem {
-    pub const ALL: [Elem; 16] = [
+    /// All elementary types that have a name.
+    pub const ALL: [Elem; 21] = [
         Elem::Bool,
         Elem::Sint,
         Elem::Int,
@@ -48,6 +61,11 @@ impl Elem {
         Elem::Real,
         Elem::Lreal,
         Elem::Time,
+        Elem::Date,
+        Elem::Tod,
+        Elem::Dt,
+        Elem::Char,
+        Elem::Wchar,
     ];
 
     pub fn name(self) -> &'static str {
@@ -68,6 +86,12 @@ impl Elem {
             Elem::Real => "REAL",
             Elem::Lreal => "LREAL",
             Elem::Time => "TIME",
+            Elem::Date => "DATE",
+            Elem::Tod => "TIME_OF_DAY",
+            Elem::Dt => "DATE_AND_TIME",
+            Elem::Char => "CHAR",
+            Elem::Wchar => "WCHAR",
+            Elem::Ref => "REF_TO",
         }
     }
 
@@ -75,7 +99,32 @@ impl Elem {
         Elem::ALL
             .into_iter()
             .find(|e| e.name().eq_ignore_ascii_case(name))
-            .or_else(|| name.eq_ignore_ascii_case("LTIME").then_some(Elem::Time))
+            .or_else(|| {
+                Elem::OTHER_NAMES
+                    .into_iter()
+                    .find(|(n, _)| n.eq_ignore_ascii_case(name))
+                    .map(|(_, e)| e)
+            })
+    }
+
+    const OTHER_NAMES: [(&'static str, Elem); 8] = [
+        ("LTIME", Elem::Time),
+        ("LDATE", Elem::Date),
+        ("TOD", Elem::Tod),
+        ("LTOD", Elem::Tod),
+        ("LTIME_OF_DAY", Elem::Tod),
+        ("DT", Elem::Dt),
+        ("LDT", Elem::Dt),
+        ("LDATE_AND_TIME", Elem::Dt),
+    ];
+
+    /// Counted in signed 64-bit nanoseconds.
+    pub fn is_time(self) -> bool {
+        matches!(self, Elem::Time | Elem::Date | Elem::Tod | Elem::Dt)
+    }
+
+    pub fn is_char(self) -> bool {
+        matches!(self, Elem::Char | Elem::Wchar)
     }
 
     pub fn is_signed(self) -> bool {
@@ -112,10 +161,17 @@ impl Elem {
     pub fn bits(self) -> u32 {
         match self {
             Elem::Bool => 1,
-            Elem::Sint | Elem::Usint | Elem::Byte => 8,
-            Elem::Int | Elem::Uint | Elem::Word => 16,
-            Elem::Dint | Elem::Udint | Elem::Dword | Elem::Real => 32,
-            Elem::Lint | Elem::Ulint | Elem::Lword | Elem::Lreal | Elem::Time => 64,
+            Elem::Sint | Elem::Usint | Elem::Byte | Elem::Char => 8,
+            Elem::Int | Elem::Uint | Elem::Word | Elem::Wchar => 16,
+            Elem::Dint | Elem::Udint | Elem::Dword | Elem::Real | Elem::Ref => 32,
+            Elem::Lint
+            | Elem::Ulint
+            | Elem::Lword
+            | Elem::Lreal
+            | Elem::Time
+            | Elem::Date
+            | Elem::Tod
+            | Elem::Dt => 64,
         }
     }
 
@@ -140,7 +196,7 @@ impl Elem {
             return None;
         }
         let bits = self.bits();
-        Some(if self.is_signed() || self == Elem::Time {
+        Some(if self.is_signed() || self.is_time() {
             (-(1i128 << (bits - 1)), (1i128 << (bits - 1)) - 1)
         } else {
             (0, (1i128 << bits) - 1)
@@ -172,7 +228,7 @@ impl Elem {
 
     /// The smallest type that both widen to.
     pub fn common(self, other: Elem) -> Option<Elem> {
-        const ORDER: [Elem; 16] = [
+        const ORDER: [Elem; 22] = [
             Elem::Bool,
             Elem::Byte,
             Elem::Word,
@@ -189,6 +245,12 @@ impl Elem {
             Elem::Real,
             Elem::Lreal,
             Elem::Time,
+            Elem::Date,
+            Elem::Tod,
+            Elem::Dt,
+            Elem::Char,
+            Elem::Wchar,
+            Elem::Ref,
         ];
         ORDER
             .into_iter()
@@ -210,12 +272,16 @@ impl TypeId {
     pub const BOOL: TypeId = TypeId(Elem::Bool as u32);
     pub const TIME: TypeId = TypeId(Elem::Time as u32);
     /// Type of an integer literal that has not met its context yet.
-    pub const UNTYPED_INT: TypeId = TypeId(16);
-    pub const UNTYPED_REAL: TypeId = TypeId(17);
+    pub const UNTYPED_INT: TypeId = TypeId(Elem::ALL.len() as u32);
+    pub const UNTYPED_REAL: TypeId = TypeId(Elem::ALL.len() as u32 + 1);
     /// No value: the result of a function without result.
-    pub const VOID: TypeId = TypeId(18);
+    pub const VOID: TypeId = TypeId(Elem::ALL.len() as u32 + 2);
     /// Something wrong that has been reported; it fits everywhere.
-    pub const ERROR: TypeId = TypeId(19);
+    pub const ERROR: TypeId = TypeId(Elem::ALL.len() as u32 + 3);
+    /// The type of NULL, which fits every reference.
+    pub const NULL: TypeId = TypeId(Elem::ALL.len() as u32 + 4);
+    /// A variable whose type follows from the first value that it gets: a wire of a diagram.
+    pub const INFERRED: TypeId = TypeId(Elem::ALL.len() as u32 + 5);
 
     pub fn of(elem: Elem) -> TypeId {
         TypeId(elem as u32)
@@ -247,7 +313,26 @@ pub enum TypeKind {
         fields: Vec<Field>,
     },
     FunctionBlock(PouId),
+    /// STRING or WSTRING of a declared length, in characters.
+    Str {
+        wide: bool,
+        len: u32,
+    },
+    /// REF_TO or POINTER TO.
+    Ref(TypeId),
+    /// A variable of an interface: the address of an instance that implements it.
+    Interface(InterfaceId),
+    Inferred,
 }
+
+/// Number of an interface in its project.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct InterfaceId(pub u32);
+
+/// Length of a STRING that is declared without one.
+pub const STRING_LEN_DEFAULT: u32 = 254;
+/// The longest string that can be declared.
+pub const STRING_LEN_MAX: u32 = 65_535;
 
 #[derive(Clone, Debug)]
 pub struct Field {
@@ -283,6 +368,8 @@ impl Default for TypeTable {
         table.add(None, TypeKind::UntypedReal);
         table.add(None, TypeKind::Void);
         table.add(None, TypeKind::Error);
+        table.add(None, TypeKind::Ref(TypeId::ERROR));
+        table.add(None, TypeKind::Inferred);
         table
     }
 }
@@ -322,6 +409,49 @@ impl TypeTable {
         }
     }
 
+    /// STRING or WSTRING of this length: one for each.
+    pub fn string(&mut self, wide: bool, len: u32) -> TypeId {
+        let found = self.list.iter().position(|t| {
+            t.name.is_none()
+                && matches!(t.kind, TypeKind::Str { wide: w, len: l } if w == wide && l == len)
+        });
+        match found {
+            Some(index) => TypeId(index as u32),
+            None => self.add(None, TypeKind::Str { wide, len }),
+        }
+    }
+
+    /// The type of references to `to`: one for each.
+    pub fn reference(&mut self, to: TypeId) -> TypeId {
+        let found = self.list.iter().position(|t| {
+            t.name.is_none() && matches!(t.kind, TypeKind::Ref(target) if target == to)
+        });
+        match found {
+            Some(index) => TypeId(index as u32),
+            None => self.add(None, TypeKind::Ref(to)),
+        }
+    }
+
+    /// Whether strings of the type are wide, and their longest length.
+    pub fn text(&self, id: TypeId) -> Option<(bool, u32)> {
+        match self.kind(id) {
+            TypeKind::Str { wide, len } => Some((*wide, *len)),
+            _ => None,
+        }
+    }
+
+    /// What a reference of this type leads to.
+    pub fn pointee(&self, id: TypeId) -> Option<TypeId> {
+        match self.kind(id) {
+            TypeKind::Ref(to) => Some(*to),
+            _ => None,
+        }
+    }
+
+    pub fn is_ref(&self, id: TypeId) -> bool {
+        matches!(self.kind(id), TypeKind::Ref(_) | TypeKind::Interface(_))
+    }
+
     pub fn set_init(&mut self, id: TypeId, init: InitValue) {
         self.list[id.0 as usize].init = Some(init);
     }
@@ -358,6 +488,7 @@ impl TypeTable {
         match self.kind(id) {
             TypeKind::Elem(e) => Some(*e),
             TypeKind::Enum { base, .. } | TypeKind::Subrange { base, .. } => Some(*base),
+            TypeKind::Ref(_) | TypeKind::Interface(_) => Some(Elem::Ref),
             _ => None,
         }
     }
@@ -369,7 +500,10 @@ impl TypeTable {
     pub fn is_aggregate(&self, id: TypeId) -> bool {
         matches!(
             self.kind(id),
-            TypeKind::Array { .. } | TypeKind::Struct { .. } | TypeKind::FunctionBlock(_)
+            TypeKind::Array { .. }
+                | TypeKind::Struct { .. }
+                | TypeKind::FunctionBlock(_)
+                | TypeKind::Str { .. }
         )
     }
 
@@ -382,6 +516,10 @@ impl TypeTable {
                     TypeKind::Array { dims: da, elem: ea },
                     TypeKind::Array { dims: db, elem: eb },
                 ) => da == db && self.same(*ea, *eb),
+                (TypeKind::Str { wide: wa, len: la }, TypeKind::Str { wide: wb, len: lb }) => {
+                    wa == wb && la == lb
+                }
+                (TypeKind::Ref(a), TypeKind::Ref(b)) => self.same(*a, *b),
                 _ => false,
             }
     }
@@ -409,6 +547,13 @@ impl TypeTable {
             }
             TypeKind::Struct { .. } => "STRUCT".into(),
             TypeKind::FunctionBlock(_) => "a function block".into(),
+            TypeKind::Str { wide, len } => {
+                format!("{}[{len}]", if *wide { "WSTRING" } else { "STRING" })
+            }
+            TypeKind::Ref(to) if *to == TypeId::ERROR => "NULL".into(),
+            TypeKind::Ref(to) => format!("REF_TO {}", self.name(*to)),
+            TypeKind::Interface(_) => "an interface".into(),
+            TypeKind::Inferred => "a type still unknown".into(),
         }
     }
 
@@ -430,6 +575,7 @@ impl TypeTable {
                 Value::from_i128(*base, i128::from(values.first().map_or(0, |v| v.1)))
             }
             TypeKind::Subrange { base, lo, hi } => Value::from_i128(*base, 0.clamp(*lo, *hi)),
+            TypeKind::Ref(_) | TypeKind::Interface(_) => Value::zero(Elem::Ref),
             _ => return None,
         })
     }

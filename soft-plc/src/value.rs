@@ -6,6 +6,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::calendar;
 use crate::syntax::ast::{BinOp, UnOp};
 use crate::types::Elem;
 
@@ -19,6 +20,16 @@ pub enum Value {
     Lreal(f64),
     /// Nanoseconds.
     Time(i64),
+    /// Nanoseconds since 1970-01-01.
+    Date(i64),
+    /// Nanoseconds since midnight.
+    Tod(i64),
+    /// Nanoseconds since 1970-01-01.
+    Dt(i64),
+    /// CHAR or WCHAR, by its code.
+    Char(u16),
+    /// The address that a reference holds.
+    Ref(u32),
 }
 
 impl fmt::Display for Value {
@@ -30,6 +41,15 @@ impl fmt::Display for Value {
             Value::Real(v) => write!(f, "{v:?}"),
             Value::Lreal(v) => write!(f, "{v:?}"),
             Value::Time(ns) => f.write_str(&format_time(*ns)),
+            Value::Date(ns) => write!(f, "D#{}", calendar::date_text(*ns)),
+            Value::Tod(ns) => write!(f, "TOD#{}", calendar::time_of_day_text(*ns)),
+            Value::Dt(ns) => write!(f, "DT#{}", calendar::date_time_text(*ns)),
+            Value::Char(code) => match char::from_u32(u32::from(*code)) {
+                Some(c) if !c.is_control() => write!(f, "'{c}'"),
+                _ => write!(f, "'${code:02X}'"),
+            },
+            Value::Ref(0) => f.write_str("NULL"),
+            Value::Ref(address) => write!(f, "REF#{address}"),
         }
     }
 }
@@ -81,6 +101,11 @@ impl Value {
             Elem::Real => Value::Real(0.0),
             Elem::Lreal => Value::Lreal(0.0),
             Elem::Time => Value::Time(0),
+            Elem::Date => Value::Date(0),
+            Elem::Tod => Value::Tod(0),
+            Elem::Dt => Value::Dt(0),
+            Elem::Char | Elem::Wchar => Value::Char(0),
+            Elem::Ref => Value::Ref(0),
             e if e.is_signed() => Value::Int(0),
             _ => Value::Uint(0),
         }
@@ -95,6 +120,12 @@ impl Value {
             Elem::Dint => Value::Int(i64::from(value as i32)),
             Elem::Lint => Value::Int(value as i64),
             Elem::Time => Value::Time(value as i64),
+            Elem::Date => Value::Date(value as i64),
+            Elem::Tod => Value::Tod(value as i64),
+            Elem::Dt => Value::Dt(value as i64),
+            Elem::Char => Value::Char(u16::from(value as u8)),
+            Elem::Wchar => Value::Char(value as u16),
+            Elem::Ref => Value::Ref(value as u32),
             Elem::Usint | Elem::Byte => Value::Uint(u64::from(value as u8)),
             Elem::Uint | Elem::Word => Value::Uint(u64::from(value as u16)),
             Elem::Udint | Elem::Dword => Value::Uint(u64::from(value as u32)),
@@ -108,7 +139,11 @@ impl Value {
     pub fn as_i128(self) -> Option<i128> {
         match self {
             Value::Bool(b) => Some(i128::from(b)),
-            Value::Int(v) | Value::Time(v) => Some(i128::from(v)),
+            Value::Int(v) | Value::Time(v) | Value::Date(v) | Value::Tod(v) | Value::Dt(v) => {
+                Some(i128::from(v))
+            }
+            Value::Char(v) => Some(i128::from(v)),
+            Value::Ref(v) => Some(i128::from(v)),
             Value::Uint(v) => Some(i128::from(v)),
             Value::Real(_) | Value::Lreal(_) => None,
         }
@@ -126,7 +161,11 @@ impl Value {
             Value::Real(v) => f64::from(v),
             Value::Lreal(v) => v,
             Value::Bool(b) => f64::from(u8::from(b)),
-            Value::Int(v) | Value::Time(v) => v as f64,
+            Value::Int(v) | Value::Time(v) | Value::Date(v) | Value::Tod(v) | Value::Dt(v) => {
+                v as f64
+            }
+            Value::Char(v) => f64::from(v),
+            Value::Ref(v) => f64::from(v),
             Value::Uint(v) => v as f64,
         }
     }
@@ -136,10 +175,16 @@ impl Value {
         match (self, elem) {
             (Value::Bool(_), e) => e == Elem::Bool,
             (Value::Time(_), e) => e == Elem::Time,
+            (Value::Date(_), e) => e == Elem::Date,
+            (Value::Tod(_), e) => e == Elem::Tod,
+            (Value::Dt(_), e) => e == Elem::Dt,
+            (Value::Char(code), e) => e == Elem::Wchar || (e == Elem::Char && code < 256),
+            (Value::Ref(_), e) => e == Elem::Ref,
             (Value::Real(_), e) => e == Elem::Real,
             (Value::Lreal(_), e) => e == Elem::Lreal,
             (Value::Int(_) | Value::Uint(_), e) => {
-                !matches!(e, Elem::Bool | Elem::Time)
+                (e.is_int() || e.is_bit())
+                    && e != Elem::Bool
                     && match (e.limits(), self.as_i128()) {
                         (Some((lo, hi)), Some(v)) => (lo..=hi).contains(&v),
                         _ => false,
@@ -152,7 +197,11 @@ impl Value {
     pub fn store(self, bytes: &mut [u8]) {
         let raw: u64 = match self {
             Value::Bool(b) => u64::from(b),
-            Value::Int(v) | Value::Time(v) => v as u64,
+            Value::Int(v) | Value::Time(v) | Value::Date(v) | Value::Tod(v) | Value::Dt(v) => {
+                v as u64
+            }
+            Value::Char(v) => u64::from(v),
+            Value::Ref(v) => u64::from(v),
             Value::Uint(v) => v,
             Value::Real(v) => u64::from(v.to_bits()),
             Value::Lreal(v) => v.to_bits(),
@@ -268,6 +317,24 @@ pub fn convert(from: Elem, to: Elem, value: Value) -> Result<Value, Fault> {
     if to.is_real() && from.is_bit() && from != Elem::Bool {
         return Ok(Value::load(to, &raw(8)[..to.cell_bytes() as usize]));
     }
+    if let Some(result) = convert_date(from, to, value) {
+        return Ok(result);
+    }
+    // Durations become numbers of milliseconds, except LINT, which takes the nanoseconds.
+    if from == Elem::Time && to != Elem::Lint {
+        let ns = value.as_i128().unwrap_or(0);
+        return if to.is_real() {
+            convert(Elem::Lreal, to, Value::Lreal(ns as f64 / MS_NS as f64))
+        } else {
+            Ok(Value::from_i128(to, ns / MS_NS))
+        };
+    }
+    if to == Elem::Time && from != Elem::Lint {
+        return match value.as_i128() {
+            Some(ms) => Ok(Value::Time((ms as i64).wrapping_mul(MS_NS as i64))),
+            None => integer(Elem::Time, libm::rint(value.as_f64() * MS_NS as f64)),
+        };
+    }
     match (value, to) {
         (Value::Real(v), Elem::Lreal) => Ok(Value::Lreal(f64::from(v))),
         (Value::Lreal(v), Elem::Real) => Ok(Value::Real(v as f32)),
@@ -277,6 +344,18 @@ pub fn convert(from: Elem, to: Elem, value: Value) -> Result<Value, Fault> {
         (Value::Uint(v), Elem::Bool) if from.is_bit() => Ok(Value::Bool(v & 1 == 1)),
         (_, Elem::Bool) => Ok(Value::Bool(value.as_i128() != Some(0))),
         _ => Ok(Value::from_i128(to, value.as_i128().unwrap_or(0))),
+    }
+}
+
+const MS_NS: i128 = 1_000_000;
+
+/// Date or time of day out of a date and time.
+fn convert_date(from: Elem, to: Elem, value: Value) -> Option<Value> {
+    let ns = value.as_i128()? as i64;
+    match (from, to) {
+        (Elem::Dt, Elem::Date) => Some(Value::Date(ns - ns.rem_euclid(calendar::DAY_NS))),
+        (Elem::Dt, Elem::Tod) => Some(Value::Tod(ns.rem_euclid(calendar::DAY_NS))),
+        _ => None,
     }
 }
 

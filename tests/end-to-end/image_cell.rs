@@ -90,7 +90,7 @@ fn an_interrupted_interval_is_recovered_first_and_the_state_goes_on() {
     );
     cell.set(&["PusherHome=1"]);
     cell.wait_point("Feeder.PusherExtend", "1");
-    cell.set(&["PusherOut=1"]);
+    cell.set(&["Start=0", "PusherOut=1"]);
     cell.wait_point("Feeder.FedParts", "2");
 }
 
@@ -218,4 +218,55 @@ fn points_are_set_and_read_as_csv() {
     let (code, out, err) = cell.io(&["get", &point]);
     assert_eq!(code, 0, "{err}");
     assert_eq!(out.lines().count(), 2, "{out}");
+}
+
+/// A gateway for each station; what the stations tell each other crosses from one gateway to the other.
+#[test]
+fn two_gateways_share_a_cell_and_exported_variables_cross_between_them() {
+    let source = support::project("engineering/tests/cells/two_stations");
+    let dir = tempfile::tempdir().unwrap();
+    for entry in std::fs::read_dir(source).unwrap().flatten() {
+        std::fs::copy(entry.path(), dir.path().join(entry.file_name())).unwrap();
+    }
+    let path = dir.path().join("cell.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let (head, press) = text.split_once("name = \"Press\"").unwrap();
+    let second = "[[gateway]]\nname = \"gateway2\"\ndriver = \"image\"\n\n[[controller]]";
+    let text = format!(
+        "{}name = \"Press\"{}",
+        head.replacen("[[controller]]", second, 1),
+        press.replace("gateway = \"gateway1\"", "gateway = \"gateway2\"")
+    );
+    std::fs::write(&path, text).unwrap();
+    let mut cell = ImageCell::start_with(path.display().to_string());
+    let other = cell.start_second_gateway("gateway2");
+    let _node = cell.node("controller1");
+    for mc in ["Feeder", "Press"] {
+        cell.wait_runs_on(mc, "controller1");
+    }
+    cell.set(&["PusherHome=1", "Weight=4000", "Start=1", "PusherOut=1"]);
+    let at_other = |args: &[&str]| {
+        let mut all = vec!["io"];
+        all.extend(args);
+        all.extend(["--name", "two_stations", "--gateway", "gateway2"]);
+        all.extend(["--endpoint", other.as_str()]);
+        let (code, out, err) = support::run(&all);
+        assert_eq!(code, 0, "{err}");
+        out
+    };
+    at_other(&["set", "RamUp=1"]);
+    until(
+        "the press has the weight of the part that the feeder offered",
+        || {
+            at_other(&["get", "Press.LastWeight"])
+                .lines()
+                .any(|row| row.split(',').nth(3) == Some("1"))
+                .then_some(())
+        },
+    );
+    // The press's word reaches the feeder: it goes on to the next part.
+    until("the next part is fed", || {
+        let fed: u32 = cell.get("Feeder.FedParts")?.parse().ok()?;
+        (fed >= 2).then_some(())
+    });
 }

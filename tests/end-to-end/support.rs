@@ -164,20 +164,27 @@ pub struct ImageCell {
     pub gateway_endpoint: String,
     pub manager: Option<Fam>,
     pub gateway: Option<Fam>,
+    /// Further gateways, and where they listen.
+    pub others: Vec<(String, Fam)>,
 }
 
 impl ImageCell {
     /// Starts manager and gateway of the two-station cell.
     pub fn start() -> ImageCell {
+        let cell = project("engineering/tests/cells/two_stations/cell.toml");
+        ImageCell::start_with(cell.display().to_string())
+    }
+
+    /// As [`ImageCell::start`], of another cell.
+    pub fn start_with(cell: String) -> ImageCell {
         let mut cell = ImageCell {
             dir: tempfile::tempdir().unwrap(),
-            cell: project("engineering/tests/cells/two_stations/cell.toml")
-                .display()
-                .to_string(),
+            cell,
             manager_endpoint: format!("tcp/127.0.0.1:{}", free_port()),
             gateway_endpoint: format!("tcp/127.0.0.1:{}", free_port()),
             manager: None,
             gateway: None,
+            others: Vec::new(),
         };
         cell.start_gateway();
         cell.start_manager();
@@ -204,19 +211,31 @@ impl ImageCell {
     }
 
     pub fn start_gateway(&mut self) {
-        let records = self.file("records.bin");
-        self.gateway = Some(Fam::start(&[
+        self.gateway = Some(self.a_gateway("gateway1", &self.gateway_endpoint));
+    }
+
+    /// Starts a further gateway of the cell and returns where it listens; nodes that start later know of it.
+    pub fn start_second_gateway(&mut self, name: &str) -> String {
+        let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+        let gateway = self.a_gateway(name, &endpoint);
+        self.others.push((endpoint.clone(), gateway));
+        endpoint
+    }
+
+    fn a_gateway(&self, name: &str, endpoint: &str) -> Fam {
+        let records = self.file(&format!("{name}.records"));
+        Fam::start(&[
             "gateway",
-            "gateway1",
+            name,
             "--cell",
             &self.cell,
             "--listen",
-            &self.gateway_endpoint,
+            endpoint,
             "--connect",
             &self.manager_endpoint,
             "--records",
             &records,
-        ]));
+        ])
     }
 
     pub fn node(&self, controller: &str) -> Fam {
@@ -226,18 +245,12 @@ impl ImageCell {
     /// A node that runs another version of the cell.
     pub fn node_with(&self, controller: &str, cell: &str) -> Fam {
         let cache = self.file("modules");
-        Fam::start(&[
-            "node",
-            controller,
-            "--cell",
-            cell,
-            "--connect",
-            &self.manager_endpoint,
-            "--connect",
-            &self.gateway_endpoint,
-            "--cache",
-            &cache,
-        ])
+        let mut args = vec!["node", controller, "--cell", cell, "--cache", &cache];
+        let gateways = self.others.iter().map(|(endpoint, _)| endpoint);
+        for endpoint in gateways.chain([&self.manager_endpoint, &self.gateway_endpoint]) {
+            args.extend(["--connect", endpoint]);
+        }
+        Fam::start(&args)
     }
 
     /// An operator's command; panics with its message if it fails.

@@ -230,17 +230,9 @@ impl McAgent {
         self.held = Some(id);
     }
 
-    /// What was taken for a later manager was none: the orders of the one in force count again.
-    pub fn forget_orders(&mut self) {
-        self.order = None;
-        self.answered = None;
-    }
-
-    /// An order of the manager in the life `boot`: acknowledged always, carried out once.
+    /// An order of the manager in the life `boot`: acknowledged always, carried out once. Which life counts is told before
+    /// ([`crate::controller::ControllerAgent::is_over`]).
     pub fn order(&mut self, boot: BootId, order: Order, now: Now) {
-        if self.order.is_some_and(|(known, _)| boot < known) {
-            return; // a word of a manager that is no more
-        }
         // Numbers begin with the boot id and count on. One damaged number must not make the MCA deaf to the orders to come.
         let last = self.order.filter(|(known, _)| *known == boot);
         let last = last.map_or(boot.0, |(_, id)| id.0);
@@ -253,7 +245,10 @@ impl McAgent {
         self.doubtful = None;
         self.send(AgentId::Manager, Message::OrderReceived(order.id));
         let this = (boot, order.id);
-        if self.order.is_some_and(|known| this <= known) {
+        if self
+            .order
+            .is_some_and(|(known, last)| known == boot && order.id <= last)
+        {
             if let Some(report) = self.answered.clone()
                 && report.order == Some(order.id)
                 && self.order == Some(this)

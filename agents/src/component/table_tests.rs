@@ -100,6 +100,7 @@ pub(super) fn image(record: RecordSummary) -> InputImage {
         sent_at_us: 0,
         inputs: Vec::new(),
         records: vec![record],
+        exports: Vec::new(),
     }
 }
 

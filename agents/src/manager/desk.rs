@@ -74,8 +74,9 @@ impl Desk {
         self.boot
     }
 
+    /// The history never tells a time before this life's boot id: the next life takes its own above the history.
     pub(super) fn wall_is(&mut self, now: Now, unix_us: u64) {
-        self.wall = Some((now, unix_us));
+        self.wall = Some((now, unix_us.max(self.boot.0)));
     }
 
     /// Sends as the Middleware Manager.

@@ -76,6 +76,14 @@ pub const GATEWAY_LOST_US: u64 = 1_000_000;
 /// A repository that has failed is asked again after this long, in microseconds.
 pub const REPOSITORY_RETRY_US: u64 = 1_000_000;
 
+/// The boot id of a manager that starts with what its repository holds: the wall clock, but above all lives of before, also if the
+/// clock was set back in between. Otherwise nobody would heed it.
+#[must_use]
+pub fn boot_after(wall_us: u64, restored: &RepoState) -> BootId {
+    let before = restored.events.iter().map(|e| e.wall_us).max();
+    BootId(wall_us.max(before.map_or(0, |us| us.saturating_add(1))))
+}
+
 /// The agent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MiddlewareManager {
@@ -94,6 +102,8 @@ pub struct MiddlewareManager {
     emptying: BTreeMap<ControllerId, (u64, PlanId, Now)>,
     /// Events of an MC that two sides may tell: the newest told.
     marks: BTreeMap<(EventKind, McId), (Epoch, u64)>,
+    /// Newest activation of each MC that the history tells.
+    activated: BTreeMap<McId, Epoch>,
     /// MCs without a place: how often tried, and whether the alarm was raised.
     unplaced: BTreeMap<McId, (u32, bool)>,
     /// Quality-of-service events told last, by cause.
@@ -143,8 +153,13 @@ impl MiddlewareManager {
             c.drained = restored.drained.contains(controller);
             c.remembered = restored.registrations.get(controller).cloned();
         }
+        let mut activated = BTreeMap::new();
+        for event in &restored.events {
+            note_activation(&mut activated, event);
+        }
         let mut manager = MiddlewareManager {
             started: now,
+            activated,
             desk: Desk::new(boot, restored.events, restored.last_event_seq),
             epochs: Epochs::new(view.mcs.keys(), &restored.epochs),
             epochs_again: None,
@@ -163,6 +178,7 @@ impl MiddlewareManager {
             bad_messages_link: 0,
             view,
         };
+        manager.desk.wall_is(now, boot.0);
         let text = format!(
             "manager of cell {} is up (boot {boot}), generation {}",
             manager.view.model.cell, manager.view.generation
@@ -298,6 +314,7 @@ impl MiddlewareManager {
         }
         self.review_jobs(now);
         self.adopt(now);
+        self.tell_unseen_activations(now);
         self.send_orders(now);
         self.review_emptying(now);
         self.review_commands(now);
@@ -371,6 +388,7 @@ impl MiddlewareManager {
     }
 
     fn event(&mut self, event: Event, now: Now) {
+        note_activation(&mut self.activated, &event);
         self.desk.event(event, now);
     }
 
@@ -437,5 +455,14 @@ impl MiddlewareManager {
         let mark = (epoch, scan);
         let known = self.marks.insert((kind, mc.clone()), mark);
         known != Some(mark)
+    }
+}
+
+fn note_activation(activated: &mut BTreeMap<McId, Epoch>, event: &Event) {
+    if event.kind == EventKind::McActivated
+        && let (Some(mc), Some(epoch)) = (&event.mc, event.epoch)
+    {
+        let newest = activated.entry(mc.clone()).or_default();
+        *newest = epoch.max(*newest);
     }
 }

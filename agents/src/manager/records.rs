@@ -21,21 +21,16 @@ impl MiddlewareManager {
         };
         let name = &image.gateway;
         let known = gateway.boot;
-        if known.is_some_and(|b| (image.boot, image.number) <= (b, gateway.image)) {
-            // Unless what was taken for a later life was none: the token says who is there.
-            let back = known.is_some_and(|b| image.boot < b) && gateway.token == Some(image.boot);
-            if !back {
-                return;
-            }
-        } else if let Some(boot) = known {
-            // One damaged number must not make the manager deaf to the images to come.
-            let stands = gateway.token == Some(boot) && image.boot != boot;
-            let ahead = image.number.0.saturating_sub(gateway.image.0);
-            let possible = IMAGES_AHEAD + now.since_us(gateway.heard) / IMAGE_US_MIN;
-            if stands || (image.boot == boot && ahead > possible) {
-                self.bad_messages += 1;
-                return;
-            }
+        // Numbers grow over restarts, which boot ids need not do: they come from a wall clock.
+        if known.is_some() && image.number <= gateway.image {
+            return;
+        }
+        // One damaged number must not make the manager deaf to the images to come.
+        let ahead = image.number.0.saturating_sub(gateway.image.0);
+        let possible = IMAGES_AHEAD + now.since_us(gateway.heard) / IMAGE_US_MIN;
+        if known == Some(image.boot) && ahead > possible {
+            self.bad_messages += 1;
+            return;
         }
         let was_down = gateway.down;
         gateway.boot = Some(image.boot);
@@ -227,6 +222,35 @@ impl MiddlewareManager {
             self.event(event.mc(mc).controller(on).epoch(epoch), now);
         }
         self.new_generation(self.view.generation.next());
+    }
+
+    /// A manager that dies between an order and its outcome leaves an activation behind that the history does not tell.
+    pub(super) fn tell_unseen_activations(&mut self, now: Now) {
+        let unseen: Vec<Event> = self
+            .view
+            .mcs
+            .iter()
+            .filter(|(_, m)| m.under_way.is_none())
+            .filter_map(|(mc, m)| {
+                let record = m.record.as_ref().filter(|r| r.driven)?;
+                let owner = record.owner.as_ref()?;
+                let told = *self.activated.get(mc)?;
+                (told < record.epoch).then(|| {
+                    let on = &owner.controller;
+                    let text = format!(
+                        "{mc} was activated on {on} with epoch {} while no manager looked",
+                        record.epoch
+                    );
+                    Event::new(Severity::Info, EventKind::McActivated, text)
+                        .mc(mc)
+                        .controller(on)
+                        .epoch(record.epoch)
+                })
+            })
+            .collect();
+        for event in unseen {
+            self.event(event, now);
+        }
     }
 }
 

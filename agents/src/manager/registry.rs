@@ -20,6 +20,8 @@ const FOREIGN_MCS_MAX: usize = 64;
 const TEXT_BYTES_MAX: usize = 1_000;
 /// Most real-time means in one.
 const REAL_TIME_MAX: usize = 16;
+/// A controller that still reports so long after its token has gone is there, in microseconds.
+const TOKEN_DOUBTED_US: u64 = 1_000_000;
 
 impl MiddlewareManager {
     pub(super) fn register(
@@ -49,21 +51,23 @@ impl MiddlewareManager {
         let new_life = known.is_none_or(|r| r.owner != *owner);
         if let Some(other) = known.filter(|r| r.owner.boot != owner.boot) {
             let other = other.owner.boot;
-            if there.lost.is_none() {
-                let why = format!(
-                    "controller {name} is registered already by another node that lives (boot {other}); stop that one, or give this one (boot {}) the name of another controller",
-                    owner.boot
-                );
-                self.refuse(owner, why, now);
-                return true;
-            }
-            // A token is more than a number: who is seen is there, though one with a higher boot id has once registered.
-            let seen = there.tokens.contains(&owner.boot) && !there.tokens.contains(&other);
-            if owner.boot < other && !seen {
-                let why = format!(
-                    "a later life of controller {name} (boot {other}) has registered; boot {} is over",
-                    owner.boot
-                );
+            let lives = there.lost.is_none();
+            if lives || !there.may_follow(other, owner.boot) {
+                // The answer to a late word of a life that is over would reach its successor: who lives is seen to, and asks again.
+                if !there.tokens.is_empty() && !there.tokens.contains(&owner.boot) {
+                    return true;
+                }
+                let why = if lives {
+                    format!(
+                        "controller {name} is registered already by another node that lives (boot {other}); stop that one, or give this one (boot {}) the name of another controller",
+                        owner.boot
+                    )
+                } else {
+                    format!(
+                        "a later life of controller {name} (boot {other}) has registered; boot {} is over",
+                        owner.boot
+                    )
+                };
                 self.refuse(owner, why, now);
                 return true;
             }
@@ -225,7 +229,9 @@ impl MiddlewareManager {
         if there.owner() != Some(&report.owner) {
             // A late answer to its predecessor, or of the manager before, may have told it that it is registered. A life that is
             // over is left alone: the answer would reach its successor.
-            if there.owner().is_none_or(|o| o.boot < report.owner.boot) {
+            if there.owner().is_none_or(|o| {
+                o.boot < report.owner.boot || there.may_follow(o.boot, report.owner.boot)
+            }) {
                 let why = format!(
                     "this life of controller {name} (boot {}) has not registered",
                     report.owner.boot
@@ -237,7 +243,13 @@ impl MiddlewareManager {
         }
         there.heard = now;
         there.report = Some(report.clone());
-        let back = there.lost == Some(Loss::Reports);
+        // A crashed node's last report may come after its token has gone, but not so much later: it is the token that was lost,
+        // as happens when a connection is made anew before the old one is given up.
+        let back = match there.lost {
+            Some(Loss::Reports) => true,
+            Some(Loss::Token) => now.since_us(there.lost_since) >= TOKEN_DOUBTED_US,
+            None => false,
+        };
         if back {
             there.lost = None;
         }
@@ -329,6 +341,7 @@ impl MiddlewareManager {
         if there.lost != Some(Loss::Token) {
             let already = there.lost.is_some();
             there.lost = Some(Loss::Token);
+            there.lost_since = now;
             let clean = there.may_leave;
             if clean {
                 let text = format!("{name} has left");
@@ -358,6 +371,7 @@ impl MiddlewareManager {
         for name in silent {
             if let Some(there) = self.view.controllers.get_mut(&name) {
                 there.lost = Some(Loss::Reports);
+                there.lost_since = now;
                 self.tell_loss(&name, Loss::Reports, now);
             }
         }

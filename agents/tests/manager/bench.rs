@@ -370,6 +370,7 @@ impl Bench {
             sent_at_us: 0,
             inputs: Vec::new(),
             records: self.records.values().cloned().collect(),
+            exports: Vec::new(),
         };
         self.handle(Input::Image(Arc::new(image)));
     }

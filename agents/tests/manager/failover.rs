@@ -121,6 +121,25 @@ fn a_token_that_flickers_costs_nothing() {
 }
 
 #[test]
+fn a_controller_whose_token_is_gone_for_good_but_that_reports_is_up() {
+    let mut bench = running();
+    // It drives on by the gateway's record; only the manager does not see its token any more.
+    bench.script(&[
+        (1_001, "gone c1.1", "c2 call m1"),
+        (1_002, "bid c2.1 200", "c2/m1 activate e4; c2 award m1"),
+        (1_010, "image m1=open,c2.1,e4", ""),
+        (1_900, "tick", ""),
+    ]);
+    let joined = |bench: &Bench| {
+        let texts = bench.texts(EventKind::ControllerJoined);
+        texts.iter().filter(|t| t.contains("heard again")).count()
+    };
+    assert_eq!(joined(&bench), 0, "a late report proves nothing");
+    bench.script(&[(2_300, "tick", "")]);
+    assert_eq!(joined(&bench), 1);
+}
+
+#[test]
 fn an_owner_that_only_the_manager_has_lost_keeps_its_mc() {
     let mut bench = running();
     bench.script(&[

@@ -1,6 +1,7 @@
 //! Join, first start, manager and gateway restart, the repository, and messages that do not fit.
 
 use crate::bench::{Bench, c, m, model, owner};
+use fam_agents::manager::boot_after;
 use fam_agents::monitor::Qualities;
 use fam_proto::agent::Input;
 use fam_proto::*;
@@ -148,6 +149,25 @@ fn a_manager_that_comes_back_finds_what_failed_without_it() {
 }
 
 #[test]
+fn what_was_activated_while_no_manager_looked_is_told_once() {
+    let disk = running().disk;
+    let mut bench = Bench::restored(model(2, 2), disk, Qualities::standard(), 2);
+    // m1 was activated anew where it was before, m2 goes on as the history has it.
+    bench.script(&[
+        (0, "image m1=open,c1.1,e5 m2=open,c2.1,e3", ""),
+        (10, "up c1.1; up c2.1", "c1 registered m1; c2 registered m2"),
+        (3_000, "tick", ""),
+    ]);
+    let told: Vec<_> = bench
+        .events
+        .iter()
+        .filter(|e| e.kind == EventKind::McActivated)
+        .map(|e| (e.mc.clone(), e.epoch))
+        .collect();
+    assert_eq!(told, [(Some(m("m1")), Some(Epoch(5)))]);
+}
+
+#[test]
 fn an_owner_whom_the_manager_does_not_know_yet_is_left_alone() {
     let mut bench = Bench::new(model(2, 1));
     bench.script(&[
@@ -223,9 +243,39 @@ fn a_second_node_under_one_name_is_refused_while_the_first_lives() {
         (1_010, "killed c1.1", "c2 call m1"),
         (1_011, "bid c2.1 200", "c2/m1 activate e4; c2 award m1"),
         (1_012, "register c1.2", "c1 registered"),
-        (1_013, "register c1.1", "c1 refused"),
+        // A late word of a life that is over: an answer would reach its successor.
+        (1_013, "register c1.1", ""),
         (1_014, "image m1=open,c2.1,e4", ""),
     ]);
+}
+
+/// Boot ids come from wall clocks. A life with a lower one is taken once the one before is seen to be gone and itself is seen.
+#[test]
+fn a_node_whose_clock_was_set_back_joins_again() {
+    let mut bench = running();
+    bench.script(&[
+        (1_010, "killed c1.1", "c2 call m1"),
+        (1_011, "bid c2.1 200", "c2/m1 activate e4; c2 award m1"),
+        (1_012, "image m1=open,c2.1,e4", ""),
+        (1_013, "register c1.0", "c1 refused"),
+        (1_014, "token c1.0; register c1.0", "c1 registered"),
+        (1_015, "register c1.1", ""),
+    ]);
+    let there = &bench.agents.view().controllers[&c("c1")];
+    assert!(there.is_up());
+    assert_eq!(there.owner().map(|o| o.boot), Some(BootId(0)));
+}
+
+/// The next life is above all before it, also if the clock was set back twice.
+#[test]
+fn a_manager_whose_clock_was_set_back_begins_above_its_history() {
+    let mut disk = RepoState::default();
+    for (wall_us, expected) in [(5_000, 5_000), (100, 5_001), (50, 5_002), (9_000, 9_000)] {
+        let boot = boot_after(wall_us, &disk);
+        assert_eq!(boot, BootId(expected));
+        let bench = Bench::restored(model(2, 2), disk, Qualities::standard(), boot.0);
+        disk = bench.disk;
+    }
 }
 
 /// A late answer to its predecessor has told it so. A report of a life that is over is not answered: its successor would hear it.
@@ -354,9 +404,11 @@ fn an_old_image_changes_nothing() {
             sent_at_us: 0,
             inputs: Vec::new(),
             records: Vec::new(),
+            exports: Vec::new(),
         }))
     };
-    bench.handle(image(0, u64::MAX));
+    // Numbers grow over restarts of the gateway, whatever its boot id says.
+    bench.handle(image(9, 1));
     bench.handle(image(1, 1));
     assert_eq!(bench.agents.view(), &before);
 }

@@ -2,11 +2,17 @@
 
 mod checkpoint;
 mod failover;
+mod footprint;
+mod frame;
+mod generate;
+mod jitter;
+mod loss;
 mod moves;
 mod plan;
 mod quiet;
 pub(crate) mod relay;
 mod rig;
+mod scan;
 mod state;
 mod stats;
 mod traced;
@@ -43,6 +49,15 @@ pub enum FailoverKind {
     Freeze,
     /// A link that goes silent without closing.
     Cut,
+}
+
+/// Whose loss is tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LossKind {
+    /// The controller that drives most MCs is killed.
+    Controller,
+    /// The gateway is killed and started again.
+    Gateway,
 }
 
 /// Benchmarks.
@@ -94,6 +109,15 @@ pub enum Bench {
         #[arg(long, default_value_t = 1_000)]
         trials: usize,
     },
+    /// From the model of a large cell to all its files
+    Generate {
+        /// MCs
+        #[arg(long, default_value_t = 1_000)]
+        mcs: usize,
+        /// Variables of each
+        #[arg(long, default_value_t = 1_000)]
+        variables: usize,
+    },
     /// A work-balance plan for a large cell, against a planted optimum
     Plan {
         /// Controllers
@@ -102,6 +126,48 @@ pub enum Bench {
         /// MCs
         #[arg(long, default_value_t = 10_000)]
         mcs: usize,
+    },
+    /// Whether anything that the plant has seen is lost when a process is killed at a random moment
+    Loss {
+        /// Number of kills
+        #[arg(long, default_value_t = 1_000)]
+        trials: usize,
+        /// Whose
+        #[arg(long, value_enum, default_value = "controller")]
+        kind: LossKind,
+        /// When
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+    /// What carrying the state in the frame costs, against outputs alone
+    Frame {
+        /// Scans for each size and share of change
+        #[arg(long, default_value_t = 400)]
+        scans: usize,
+    },
+    /// How late scans begin, with and without load, with and without real-time priority
+    Jitter {
+        /// Cycle of the MCs and tick of all processes
+        #[arg(long, default_value_t = 5)]
+        cycle_ms: u32,
+        /// How long for each of the four
+        #[arg(long, default_value_t = 30)]
+        seconds: u64,
+    },
+    /// Memory of the processes, CPU of a node beside its MCs, and how fast a node starts
+    Footprint {
+        /// Number of starts
+        #[arg(long, default_value_t = 10)]
+        starts: usize,
+        /// How long the CPU is measured
+        #[arg(long, default_value_t = 10)]
+        seconds: u64,
+    },
+    /// Scan time of programs of many kinds against C written by hand, built with `cc -O2`
+    Scan {
+        /// Statements of the large program
+        #[arg(long, default_value_t = 10_000)]
+        statements: usize,
     },
     /// False failovers with both cores loaded
     Quiet {
@@ -136,7 +202,13 @@ pub fn run(args: &BenchArgs) -> Result<()> {
             cycle_ms,
             trials,
         } => checkpoint::run(*variables, *cycle_ms, *trials)?,
+        Bench::Generate { mcs, variables } => generate::run(*mcs, *variables)?,
         Bench::Plan { controllers, mcs } => plan::run(*controllers, *mcs)?,
+        Bench::Loss { trials, kind, seed } => loss::run(cell, *kind, *trials, *seed)?,
+        Bench::Frame { scans } => frame::run(*scans)?,
+        Bench::Jitter { cycle_ms, seconds } => jitter::run(cell, *cycle_ms, *seconds)?,
+        Bench::Footprint { starts, seconds } => footprint::run(cell, *starts, *seconds)?,
+        Bench::Scan { statements } => scan::run(*statements)?,
         Bench::Quiet { minutes } => quiet::run(cell, *minutes)?,
     };
     if args.json {
@@ -150,6 +222,15 @@ pub fn run(args: &BenchArgs) -> Result<()> {
 fn print(figures: &Map<String, Value>) {
     let mut table = crate::status::table(&["figure", "value"]);
     for (name, value) in figures {
+        if let Value::Array(rows) = value {
+            for row in rows {
+                let text = |key: &str| row.get(key).map(crate::status::number);
+                let label = row.get("name").and_then(Value::as_str).unwrap_or(name);
+                let ratio = text("ratio").unwrap_or_else(|| Cell::new(""));
+                table.add_row(vec![Cell::new(label), ratio]);
+            }
+            continue;
+        }
         table.add_row(vec![Cell::new(name), crate::status::number(value)]);
     }
     println!("{table}");

@@ -9,10 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Keeps every core busy until dropped.
-struct Load(Arc<AtomicBool>);
+pub(super) struct Load(Arc<AtomicBool>);
 
 impl Load {
-    fn start() -> Load {
+    pub(super) fn start() -> Load {
         let stop = Arc::new(AtomicBool::new(false));
         for _ in 0..std::thread::available_parallelism().map_or(2, usize::from) {
             let stop = stop.clone();

@@ -19,8 +19,10 @@ use std::path::{Path, PathBuf};
 
 pub use gaps::Stretch;
 
-/// The cell that the demo runs, in the project's folder.
+/// The cell in its plain form, which benchmarks change copies of, in the project's folder.
 const CELL: &str = "deploy/fms200/cell.toml";
+/// The AutomationML model of the same cell, from which the demo generates what runs.
+const MODEL: &str = "fms200.aml";
 
 /// Runs the demo; `true` if all that it asserts held.
 ///
@@ -29,7 +31,7 @@ const CELL: &str = "deploy/fms200/cell.toml";
 pub fn run(args: &DemoArgs) -> Result<bool> {
     let path = match &args.cell {
         Some(path) => path.clone(),
-        None => find_cell()?,
+        None => find_cell()?.with_file_name(MODEL),
     };
     let built = fam_engineering::build(&path)?;
     let model = built.model;

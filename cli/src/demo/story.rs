@@ -2,7 +2,6 @@
 
 use super::gaps::Stretch;
 use super::stage::{Stage, WAIT};
-use crate::observe::monotonic_us;
 use anyhow::Result;
 use fam_proto::{CommandKind, ControllerId, EventKind, McId};
 use nix::sys::signal::Signal;
@@ -159,8 +158,8 @@ fn unbroken(s: &mut Stage, when: &str, mcs: &[McId], stretch: &Stretch) {
 /// A freeze leaves a late frame only if it hits the controller between the beginning of a scan and the frame's departure:
 /// any other time it resumes with an input image that is too old, and does not scan. So the freeze is aimed, and tried again.
 const FREEZES_MAX: u32 = 6;
-/// How long before its frame is applied a scan is surely under way, in microseconds.
-const MID_SCAN_US: u64 = 300;
+/// A controller that drives something scans within this time.
+const AIM_WITHIN: Duration = Duration::from_millis(500);
 /// Late frames come within this time or not at all.
 const LATE_WITHIN: Duration = Duration::from_millis(700);
 
@@ -185,7 +184,9 @@ fn freeze(s: &mut Stage, controller: &'static str) -> Result<()> {
             &format!("SIGSTOP to {controller}"),
             |s| {
                 orphans = s.driven_by(controller);
-                aim(s, controller);
+                s.cell
+                    .node(controller)?
+                    .wait_thread_runs("fam-scan", AIM_WITHIN);
                 s.cell.signal_node(controller, Signal::SIGSTOP)?;
                 s.wait_driven("controller1 drives all MCs", &["controller1"])?;
                 Ok(format!("{} taken over by controller1", names(&orphans)))
@@ -227,28 +228,6 @@ fn freeze(s: &mut Stage, controller: &'static str) -> Result<()> {
         format!("{late} rejected"),
     );
     Ok(())
-}
-
-/// Waits for the middle of a scan of the controller, as its frames tell.
-fn aim(s: &Stage, controller: &str) {
-    let target = {
-        let seen = s.eye.seen();
-        seen.newest
-            .values()
-            .filter(|a| a.owner.controller.as_str() == controller)
-            .map(|a| (a.at_us, s.cycles_us.get(&a.mc).copied().unwrap_or(5_000)))
-            .max()
-    };
-    let Some((at_us, cycle_us)) = target else {
-        return;
-    };
-    let mut due = at_us - MID_SCAN_US;
-    while due < monotonic_us() + MID_SCAN_US {
-        due += cycle_us;
-    }
-    while monotonic_us() < due {
-        std::hint::spin_loop();
-    }
 }
 
 fn drain(s: &mut Stage, controller: &'static str) -> Result<()> {

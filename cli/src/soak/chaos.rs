@@ -20,6 +20,9 @@ const WHOLE_MIN: usize = 1;
 /// balanced.
 const AFTER_US: u64 = 3_000_000;
 
+/// A node is asked to end no earlier than so long after its start: before that it does not know SIGTERM yet.
+const STOPPABLE_AFTER: Duration = Duration::from_secs(2);
+
 /// A process that a fault hits.
 pub const MANAGER: &str = "manager";
 /// A process that a fault hits.
@@ -133,6 +136,7 @@ pub struct Chaos {
     refused_out: Receiver<()>,
     refused: u64,
     calm_since_us: Option<u64>,
+    started: BTreeMap<String, Instant>,
 }
 
 /// Puts relays before half of the controllers, so that their links can be cut.
@@ -181,6 +185,7 @@ impl Chaos {
             refused_out,
             refused: 0,
             calm_since_us: None,
+            started: BTreeMap::new(),
         }
     }
 
@@ -318,6 +323,10 @@ impl Chaos {
                 let fitting: Vec<String> = whole
                     .into_iter()
                     .filter(|c| kind != Kind::CutNode || self.cuts.contains_key(c))
+                    .filter(|c| {
+                        let young = |at: &Instant| at.elapsed() < STOPPABLE_AFTER;
+                        kind != Kind::StopNode || !self.started.get(c).is_some_and(young)
+                    })
                     .collect();
                 self.random.pick(&fitting).cloned()
             }
@@ -371,7 +380,10 @@ impl Chaos {
     fn end(&mut self, fault: usize, cell: &mut Running, eye: &Observer) -> Result<()> {
         let (kind, target) = (self.faults[fault].kind, self.faults[fault].target.clone());
         match kind {
-            Kind::KillNode | Kind::StopNode | Kind::KillTwo => cell.start_node(&target)?,
+            Kind::KillNode | Kind::StopNode | Kind::KillTwo => {
+                cell.start_node(&target)?;
+                self.started.insert(target, Instant::now());
+            }
             Kind::FreezeNode => cell.signal_node(&target, Signal::SIGCONT)?,
             Kind::CutNode => {
                 if let Some(cut) = self.cuts.get(&target) {

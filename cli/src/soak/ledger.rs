@@ -2,7 +2,8 @@
 
 use super::chaos::{Fault, GATEWAY, Kind};
 use crate::bench::Witness;
-use fam_gateway_core::recorder::{self, Takeover};
+use crate::chain::{Chain, starts_beyond_what_was_seen};
+use fam_gateway_core::recorder::Takeover;
 use fam_proto::{Applied, Event, EventKind, McId};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -39,7 +40,7 @@ pub struct Ledger {
     pub stuck: u64,
     /// Longest time between two applied frames of an MC, in microseconds.
     pub longest_gap_us: u64,
-    newest: BTreeMap<McId, Applied>,
+    chain: Chain,
     mcs: Vec<McId>,
     silent: BTreeMap<McId, u64>,
     troubles: Vec<String>,
@@ -71,47 +72,29 @@ impl Ledger {
             return;
         }
         self.scans += applied.len() as u64;
-        // The piece continues what was seen last of each MC.
-        let mut joined: Vec<Applied> = self.newest.values().cloned().collect();
-        joined.extend_from_slice(applied);
-        let double = recorder::double_driven_scans(&joined);
-        if double > 0 {
-            self.double_driven += double;
+        let shown = self.chain.take(applied);
+        if shown.double_driven > 0 {
+            self.double_driven += shown.double_driven;
             self.trouble(format!(
-                "{double} double-driven scan(s) among the {} frames up to {} us",
+                "{} double-driven scan(s) among the {} frames up to {} us",
+                shown.double_driven,
                 applied.len(),
                 applied.last().map_or(0, |a| a.at_us)
             ));
         }
-        for pair in recorder::takeovers(&joined) {
-            let first = joined
-                .iter()
-                .find(|a| a.mc == pair.mc && (a.epoch, &a.owner) == (pair.to.0, &pair.to.1));
-            self.takeover(&pair, first.and_then(|a| a.base).is_some(), faults, witness);
+        for takeover in &shown.takeovers {
+            self.takeover(takeover, faults, witness);
         }
-        for entry in applied {
-            if let Some(before) = self.newest.get(&entry.mc) {
-                let gap_us = entry.at_us.saturating_sub(before.at_us);
-                self.longest_gap_us = self.longest_gap_us.max(gap_us);
-            }
-            let stale = self
-                .newest
-                .get(&entry.mc)
-                .is_some_and(|before| before.epoch > entry.epoch);
-            if !stale {
-                self.newest.insert(entry.mc.clone(), entry.clone());
-            }
-        }
+        self.longest_gap_us = self.longest_gap_us.max(shown.longest_gap_us);
     }
 
-    fn takeover(&mut self, t: &Takeover, has_base: bool, faults: &[Fault], witness: &Witness) {
+    fn takeover(&mut self, t: &Takeover, faults: &[Fault], witness: &Witness) {
         let restarted = faults.iter().any(|f| {
             f.kind == Kind::KillGateway
                 && f.from_us <= t.first_us
                 && f.touches(t.last_us, t.first_us)
         });
-        // The journal of a killed gateway ends a tick early: a base beyond its end has not been seen, but was applied.
-        let unseen = restarted && has_base && t.base_scan > t.last_scan;
+        let unseen = restarted && starts_beyond_what_was_seen(t);
         if t.scans_behind > 0 && !unseen {
             self.lost += t.scans_behind;
             self.trouble(format!(
@@ -168,7 +151,7 @@ impl Ledger {
             return;
         };
         for mc in self.mcs.clone() {
-            let last_us = self.newest.get(&mc).map_or(0, |a| a.at_us);
+            let last_us = self.chain.head(&mc).map_or(0, |a| a.at_us);
             let since_us = last_us.max(calm_since_us);
             let told_us = self.silent.get(&mc).copied().unwrap_or(0);
             if now_us.saturating_sub(since_us) > STUCK_US && told_us != since_us {

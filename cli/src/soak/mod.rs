@@ -18,6 +18,7 @@ use fam_plant::{PlantStatus, StatusClient};
 use fam_proto::McId;
 use ledger::Ledger;
 use meter::Meter;
+pub use meter::holding;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -73,7 +74,8 @@ pub fn run(args: &SoakArgs) -> Result<bool> {
         None => crate::demo::find_cell()?,
     };
     let mut soak = Soak::start(&path, &run_dir, args.seed)?;
-    soak.go(Duration::from_secs(minutes * 60))?;
+    // A run that breaks off has its ledger too.
+    let went = soak.go(Duration::from_secs(minutes * 60));
     let plant = soak.plant()?;
     let ended = soak.cell.stop();
     let ledger = report::Report {
@@ -99,6 +101,7 @@ pub fn run(args: &SoakArgs) -> Result<bool> {
     if !held && args.keep.is_none() {
         eprintln!("logs are in {}", temporary.keep().display());
     }
+    went?;
     ended?;
     Ok(held)
 }

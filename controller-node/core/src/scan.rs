@@ -89,6 +89,7 @@ impl<R: McRuntime> ScanCore<R> {
     pub fn image(&mut self, image: Arc<InputImage>, at: Now) {
         let room = self.images.len() < GATEWAYS_MAX;
         match self.images.get_mut(&image.gateway) {
+            // Numbers grow over restarts of the gateway, which boot ids need not do: they come from a wall clock.
             Some(seen) => {
                 let newer = seen.newest.admit(image.boot, image.number, at);
                 if newer {

@@ -16,6 +16,9 @@ pub const UNACKNOWLEDGED_MAX: u32 = 3;
 /// The whole checkpoint is sent at least this often, for replicas that have come late, in microseconds.
 pub const FULL_EVERY_US: u64 = 1_000_000;
 
+/// While a state changes as a whole, so many frames at most go out whole without a delta being tried.
+pub const UNTRIED_MAX: u32 = 15;
+
 /// A frame ready to be sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EncodedFrame {
@@ -36,6 +39,9 @@ pub struct FrameEncoder {
     since_acknowledged: u32,
     full_at: Option<Now>,
     delta: Vec<u8>,
+    /// Frames for which no delta is tried, and how many that were the last time.
+    untried: u32,
+    untried_last: u32,
 }
 
 impl FrameEncoder {
@@ -97,6 +103,8 @@ impl FrameEncoder {
         self.epoch = Some(frame.epoch);
         self.since_acknowledged = 0;
         self.full_at = None;
+        self.untried = 0;
+        self.untried_last = 0;
         if let (Some(base), Some(bytes)) = (frame.base, &frame.base_bytes) {
             self.ring.push_back((base, bytes.clone()));
             self.acknowledged = Some(base);
@@ -154,10 +162,18 @@ impl FrameEncoder {
         let Some((_, old)) = held else {
             return Content::Full;
         };
+        if self.untried > 0 {
+            self.untried -= 1;
+            return Content::Full;
+        }
         self.delta.clear();
         if delta::diff(old.state(), frame.buffer.state(), &mut self.delta) {
+            self.untried_last = 0;
             Content::Delta(base)
         } else {
+            // A compare for nothing costs as much as the digest: the longer a state changes as a whole, the more rarely.
+            self.untried_last = (self.untried_last * 2 + 1).min(UNTRIED_MAX);
+            self.untried = self.untried_last;
             Content::Full
         }
     }

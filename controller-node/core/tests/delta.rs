@@ -131,3 +131,58 @@ fn a_frame_of_an_older_epoch_or_scan_is_late() {
         Err(FrameRefusal::Layout)
     );
 }
+
+/// What the encoder sends of a state of 4,000 bytes, scan by scan: `true` is the whole checkpoint.
+fn sent(changes: impl Fn(u64) -> usize, scans: u64) -> Vec<bool> {
+    let spec = std::sync::Arc::new(ModelMc::spec(
+        0,
+        mc_id(0),
+        gateway_id(),
+        TICK_US as u32,
+        4_000,
+    ));
+    let mut pool = fam_node_core::buffers::Pool::new(4_000, 0);
+    let mut encoder = fam_node_core::FrameEncoder::new();
+    let mut state = vec![0; 4_000];
+    let mut acknowledged = None;
+    (1..=scans)
+        .map(|scan| {
+            state[..changes(scan)].fill(scan.to_le_bytes()[0]);
+            let frame = fam_node_core::ScannedFrame {
+                spec: spec.clone(),
+                owner: owner("a"),
+                epoch: Epoch(1),
+                scan: Scan(scan),
+                image: ImageNumber(scan),
+                base: None,
+                base_bytes: None,
+                mc_time_us: scan * TICK_US,
+                phase: Phase::Running,
+                released_to: None,
+                scan_us: 1,
+                capture_ns: 0,
+                acknowledged,
+                buffer: pool.fill(&state, &[]).unwrap(),
+            };
+            let encoded = encoder.encode(&frame, Now(scan)).unwrap();
+            acknowledged = Some(encoded.id);
+            encoded.full
+        })
+        .collect()
+}
+
+#[test]
+fn deltas_are_sent_while_they_pay_and_tried_again_after_they_did_not() {
+    let few = sent(|_| 40, 30);
+    assert_eq!(few.iter().filter(|full| **full).count(), 1, "{few:?}");
+    assert!(sent(|_| 4_000, 60).iter().all(|full| *full));
+    // All of it changes once: the frame after that is not tried, the next one is a delta again.
+    let once = sent(|scan| if scan == 10 { 4_000 } else { 40 }, 20);
+    let full: Vec<usize> = (0..20).filter(|n| once[*n]).collect();
+    assert_eq!(full, [0, 9, 10]);
+    // It changes as a whole for long: the delta is back after a pause that is bounded.
+    let long = sent(|scan| if scan <= 100 { 4_000 } else { 40 }, 200);
+    let last = long.iter().rposition(|full| *full).unwrap();
+    let untried_max = fam_node_core::sender::UNTRIED_MAX as usize;
+    assert!((100..=101 + untried_max).contains(&last), "{last}");
+}

@@ -62,6 +62,7 @@ fn after_an_interruption_the_first_scan_does_not_wait_for_a_tick() {
     );
     for bytes in cell.b.sent(now) {
         cell.gateway.frame(&bytes);
+        receive(&mut cell.a, &bytes);
     }
     cell.tick();
     let applied = &cell.gateway.lines[0].applied;
@@ -422,6 +423,7 @@ fn without_a_fresh_image_nothing_runs_and_mc_time_stands() {
         cell.a.tick(cell.now);
         for bytes in cell.a.sent(cell.now) {
             cell.gateway.frame(&bytes);
+            cell.b.replicas[0].frame(&bytes).unwrap().held.unwrap();
         }
     }
     assert_eq!(cell.head(0).id.scan, Scan(4));

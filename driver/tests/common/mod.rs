@@ -165,5 +165,6 @@ pub fn image(number: u64) -> InputImage {
             fresh: true,
         }],
         records: Vec::new(),
+        exports: Vec::new(),
     }
 }

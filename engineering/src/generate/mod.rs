@@ -80,6 +80,8 @@ pub struct Plan<'a> {
     pub state_len: u32,
     /// Form of Serialize and Deserialize.
     pub copy: Copy,
+    /// Offsets and bytes of variables that are no state: they are the same in every checkpoint.
+    pub fixed: &'a [(u32, Vec<u8>)],
 }
 
 /// A critical interval, as Control and Deserialize need it.
@@ -257,6 +259,7 @@ fn serialize(text: &mut String, plan: &Plan<'_>, names: &Names) {
     external_state(text, plan, names);
     match &plan.copy {
         Copy::Block if plan.state_len > 0 => {
+            counter(text, plan);
             let _ = writeln!(
                 text,
                 "__REGION_TO_BYTES('{REGION_STATE}', {});",
@@ -267,10 +270,40 @@ fn serialize(text: &mut String, plan: &Plan<'_>, names: &Names) {
         Copy::Statements(statements) => {
             externals(text, &statements.globals);
             temporaries(text, &statements.temps);
+            counter(text, plan);
             text.push_str(&statements.serialize);
         }
     }
+    fixed(text, plan, names);
     text.push_str("END_PROGRAM\n\n");
+}
+
+fn counter(text: &mut String, plan: &Plan<'_>) {
+    if !plan.fixed.is_empty() {
+        text.push_str("VAR_TEMP\n    fam_n : DINT;\nEND_VAR\n");
+    }
+}
+
+/// Variables that are no state take their initial bytes, runs of equal ones at once.
+fn fixed(text: &mut String, plan: &Plan<'_>, names: &Names) {
+    for (offset, bytes) in plan.fixed {
+        let mut at = 0;
+        while at < bytes.len() {
+            let run = bytes[at..].iter().take_while(|b| **b == bytes[at]).count();
+            let first = *offset as usize + at;
+            let (state, value) = (&names.state, bytes[at]);
+            let _ = if run == 1 {
+                writeln!(text, "{state}[{first}] := {value};")
+            } else {
+                writeln!(
+                    text,
+                    "FOR fam_n := {first} TO {} DO {state}[fam_n] := {value}; END_FOR;",
+                    first + run - 1
+                )
+            };
+            at += run;
+        }
+    }
 }
 
 fn deserialize(text: &mut String, plan: &Plan<'_>, names: &Names) {

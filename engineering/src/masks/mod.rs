@@ -73,7 +73,7 @@ pub fn mask_type(elem: Elem) -> MaskType {
     let bytes = elem.image_bytes() as u8;
     match elem {
         Elem::Real | Elem::Lreal => MaskType::Real(bytes),
-        Elem::Time => MaskType::Signed(bytes),
+        e if e.is_time() => MaskType::Signed(bytes),
         e if e.is_signed() => MaskType::Signed(bytes),
         _ => MaskType::Unsigned(bytes),
     }
@@ -154,7 +154,7 @@ impl Lowering<'_> {
             )
         })?;
         let is_image = match &place.root {
-            Root::Direct(_) => true,
+            Root::Direct(_) | Root::This => true,
             Root::Var(id) => self.project.var(*id).location.is_some(),
         };
         if let Some((offset, elem)) = (self.locate)(&path).filter(|_| !is_image) {

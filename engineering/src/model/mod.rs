@@ -1,13 +1,15 @@
-//! The cell model as its engineer wrote it: read from `cell.toml`, names and references resolved, units converted.
+//! The cell model as its engineer wrote it: read from `cell.toml` or AutomationML, names and references resolved, units converted.
 //!
 //! Nothing here knows the logic; what the model says of variables is held against the logic in [`mod@crate::build`].
 
+pub mod open;
 pub mod points;
 pub mod resolve;
 mod resolve_mc;
 pub mod toml_file;
+pub mod toml_text;
 
-use crate::problem::TomlText;
+use crate::problem::ModelText;
 use fam_proto::diagnosis::IntervalKind;
 use fam_proto::model::{ControllerModel, FieldPoint, GatewayModel, Settings};
 use fam_proto::{CellId, ControllerId, GatewayId, McId};
@@ -18,7 +20,7 @@ use toml::Spanned;
 #[derive(Debug)]
 pub struct Cell {
     /// The file, for later problems.
-    pub text: TomlText,
+    pub text: ModelText,
     /// Name of the cell.
     pub cell: CellId,
     /// Tick of nodes and gateways, in microseconds.
@@ -62,6 +64,8 @@ pub struct McSpec {
     pub suspect_us: u64,
     /// Stop POU.
     pub stop: Option<Spanned<String>>,
+    /// The variables that are state, if not all of them are.
+    pub state: Option<Vec<Spanned<String>>>,
     /// Inputs, by variable name.
     pub inputs: Vec<InputSpec>,
     /// Outputs, by variable name.

@@ -4,7 +4,7 @@
 
 use super::Cell;
 use super::toml_file::{CellFile, ControllerTable, FORMAT};
-use crate::problem::TomlText;
+use crate::problem::ModelText;
 use fam_proto::model::{ControllerModel, FieldDriver, GatewayModel, Settings};
 use fam_proto::{CellId, ControllerId, GatewayId, NameError};
 use fam_soft_plc::diag::Diagnostic;
@@ -16,29 +16,22 @@ const CPU_FACTOR_PERMILLE_DEFAULT: u32 = 1000;
 const MEMORY_KB_DEFAULT: u64 = 256 * 1024;
 const LIMIT_PERMILLE_DEFAULT: u32 = 600;
 
-/// Reads the text and resolves it. The model is `None` if the text cannot be read at all.
+/// Resolves the tables of a model; `problems` are those of reading it.
 #[must_use]
-pub fn read(text: TomlText) -> (Option<Cell>, Vec<Diagnostic>) {
-    match toml::from_str::<CellFile>(&text.text) {
-        Ok(file) => {
-            let mut resolver = Resolver {
-                text,
-                problems: Vec::new(),
-            };
-            let cell = resolver.cell(file);
-            let Resolver { text, problems } = resolver;
-            (cell.map(|cell| Cell { text, ..cell }), problems)
-        }
-        Err(e) => {
-            let problem = text.unreadable(&e);
-            (None, vec![problem])
-        }
-    }
+pub fn resolve(
+    file: CellFile,
+    text: ModelText,
+    problems: Vec<Diagnostic>,
+) -> (Option<Cell>, Vec<Diagnostic>) {
+    let mut resolver = Resolver { text, problems };
+    let cell = resolver.cell(file);
+    let Resolver { text, problems } = resolver;
+    (cell.map(|cell| Cell { text, ..cell }), problems)
 }
 
 /// Collects problems while the parts of the file are gone through.
 pub(super) struct Resolver {
-    pub(super) text: TomlText,
+    pub(super) text: ModelText,
     pub(super) problems: Vec<Diagnostic>,
 }
 
@@ -149,10 +142,7 @@ impl Resolver {
         self.exports(&mcs);
         self.capacity(&mcs, &controllers);
         Some(Cell {
-            text: TomlText {
-                name: String::new(),
-                text: String::new(),
-            },
+            text: ModelText::default(),
             cell: cell?,
             tick_us,
             link_bytes_s,

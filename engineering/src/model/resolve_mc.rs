@@ -112,6 +112,7 @@ impl Resolver {
             watchdog_us,
             suspect_us,
             stop: table.stop,
+            state: table.state,
             inputs,
             outputs,
             intervals,
@@ -453,7 +454,7 @@ impl Resolver {
         })
     }
 
-    /// Every input from another MC has to name an exported output of an MC at the same gateway.
+    /// Every input from another MC has to name an exported output of an MC.
     pub(super) fn exports(&mut self, mcs: &[McSpec]) {
         for mc in mcs {
             for input in &mc.inputs {
@@ -480,16 +481,6 @@ impl Resolver {
                             format!("{what}: `{variable}` is an output of MC {from}, but it is not exported"),
                         )
                         .hint = Some(format!("add `export = true` to it in MC {from}"));
-                    }
-                    Some(_) if exporter.gateway != mc.gateway => {
-                        self.error(
-                            "M308",
-                            input.at.clone(),
-                            format!("{what}: MC {from} is served by another gateway"),
-                        )
-                        .hint = Some(
-                            "exported variables reach only MCs of the same gateway".to_owned(),
-                        );
                     }
                     Some(_) => {}
                     None if exporter

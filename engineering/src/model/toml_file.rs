@@ -119,6 +119,8 @@ pub struct McTable {
     pub suspect_ms: Option<Spanned<f64>>,
     /// POU that stops the MC safely.
     pub stop: Option<Spanned<String>>,
+    /// The variables that are state, if not all of them are.
+    pub state: Option<Vec<Spanned<String>>>,
     #[serde(default)]
     pub inputs: BTreeMap<Spanned<String>, Spanned<String>>,
     #[serde(default)]

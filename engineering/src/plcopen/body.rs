@@ -13,12 +13,15 @@ pub fn body_text(project: &Project, pou: &Pou) -> String {
         && first.source != head.source
     {
         // A body that stands alone in an element of an XML file is a source of its own.
-        return trimmed(&sources.get(first.source).text).to_owned();
+        return of_element(&sources.get(first.source).text).to_owned();
     }
     let Some(first) = first else {
         return String::new();
     };
     let text = &sources.get(head.source).text;
+    if text.trim_start().starts_with('<') {
+        return of_element(element_text(text, first.start as usize)).to_owned();
+    }
     let (mut start, mut end) = (head.end as usize, text.len());
     for (at, word) in words(text, start) {
         let upper = word.to_ascii_uppercase();
@@ -36,6 +39,45 @@ pub fn body_text(project: &Project, pou: &Pou) -> String {
         }
     }
     trimmed(text.get(start..end).unwrap_or("")).to_owned()
+}
+
+/// Likewise for the text of an element, whose first line may begin with the element.
+fn of_element(text: &str) -> &str {
+    let text = text.trim_end();
+    let skipped = text.len() - text.trim_start().len();
+    match text[..skipped].rfind('\n') {
+        Some(newline) => &text[newline + 1..],
+        None => text,
+    }
+}
+
+/// The text of the `<ST>` element of an XML file around a byte, as it stands there, without markup.
+fn element_text(text: &str, inside: usize) -> &str {
+    let is_st = |at: &usize| {
+        let name = text[at + 1..]
+            .split(['>', ' ', '\t', '\r', '\n', '/'])
+            .next();
+        name.is_some_and(|n| n.rsplit(':').next() == Some("ST"))
+    };
+    let opened = text[..inside]
+        .rmatch_indices('<')
+        .map(|(at, _)| at)
+        .find(is_st);
+    let Some(mut at) = opened else {
+        return "";
+    };
+    loop {
+        let rest = &text[at..];
+        let blank = rest.len() - rest.trim_start().len();
+        let tag = &rest[blank..];
+        if let Some(data) = tag.strip_prefix("<![CDATA[") {
+            return &data[..data.find("]]>").unwrap_or(data.len())];
+        }
+        match tag.find('>') {
+            Some(end) if tag.starts_with('<') => at += blank + end + 1,
+            _ => return &rest[..rest.find('<').unwrap_or(rest.len())],
+        }
+    }
 }
 
 /// Without empty lines before and after, the first line's indentation kept.
@@ -132,6 +174,26 @@ mod tests {
         let text = "a (* b (* c *) d *) e // f\n'g$'h' {i} 16#AB 1e5 j_1 /* k */ T#5s \"l\" m";
         let found: Vec<&str> = words(text, 0).map(|(_, w)| w).collect();
         assert_eq!(found, ["a", "e", "j_1", "T", "m"]);
+    }
+
+    #[test]
+    fn a_body_in_xml_is_what_stands_in_its_element() {
+        for body in [
+            "<ST><xhtml:p><![CDATA[\n  (* a < b *)\n  x := 1;\n  y := x < 2; (* > *)\n]]></xhtml:p></ST>",
+            "<ST>\n<xhtml:p>  (* a *)\n  x := 1;\n  y := x = 2;</xhtml:p>\n</ST>",
+        ] {
+            let file = format!(
+                "<project xmlns=\"http://www.plcopen.org/xml/tc6_0201\" xmlns:xhtml=\"http://www.w3.org/1999/xhtml\"><types><pous><pou name=\"P\" pouType=\"program\"><interface><localVars><variable name=\"x\"><type><INT/></type></variable><variable name=\"y\"><type><BOOL/></type></variable></localVars></interface><body>{body}</body></pou></pous></types></project>"
+            );
+            let (project, problems) = parse_project(&[SourceFile::new("a.xml", file)]);
+            assert!(problems.is_empty(), "{problems:?}");
+            let text = body_text(&project, &project.pous[0]);
+            assert!(
+                text.starts_with("  (* a") && text.lines().count() == 3,
+                "{text}"
+            );
+            assert!(!text.contains("xhtml") && !text.contains("CDATA"), "{text}");
+        }
     }
 
     #[test]

@@ -6,7 +6,9 @@
 //! written as `<MC>_<name>`. Which items belong to an MC, and in what order, stands in the resource's `addData`.
 
 mod body;
+mod comments;
 pub mod diagnosis_file;
+pub mod logic_file;
 pub mod read;
 mod unit;
 pub mod xml;
@@ -63,6 +65,8 @@ pub fn write_projects(built: &BuiltCell, dir: &Path) -> Result<Vec<PathBuf>, Pro
 
 struct Unit<'a> {
     mc: &'a BuiltMc,
+    /// The PROGRAM that the task runs.
+    entry: String,
     project: Project,
     renames: Renames,
     items: Vec<Item>,
@@ -80,9 +84,41 @@ pub fn project_xml(built: &BuiltCell, controller: &ControllerId) -> String {
     let mut shared: BTreeMap<(bool, String), Item> = BTreeMap::new();
     let mut units: Vec<Unit<'_>> = Vec::new();
     for mc in hosted {
-        units.push(unit(mc, &mut shared));
+        units.push(unit(mc, true, &mut shared));
     }
+    project_of(&units, "Flexible Automation Project", controller.as_str())
+}
+
+/// The logic of all MCs as one ordinary project, as its engineers wrote it: no generated POU, each MC a RESOURCE.
+#[must_use]
+pub fn ordinary_project(built: &BuiltCell) -> String {
+    let mut shared: BTreeMap<(bool, String), Item> = BTreeMap::new();
+    let mut units: Vec<Unit<'_>> = Vec::new();
+    for mc in &built.mcs {
+        units.push(unit(mc, false, &mut shared));
+    }
+    project_of(&units, "logic of a cell", built.model.cell.as_str())
+}
+
+fn project_of(units: &[Unit<'_>], description: &str, name: &str) -> String {
     let mut xml = Xml::new();
+    head(&mut xml, description, name, None);
+    types(&mut xml, units);
+    xml.open("instances", &[]);
+    xml.open("configurations", &[]);
+    xml.open("configuration", &[("name", &identifier(name))]);
+    for unit in units {
+        resource(&mut xml, unit);
+    }
+    xml.close();
+    xml.close();
+    xml.close();
+    xml.close();
+    xml.finish()
+}
+
+/// Opens a project, up to its types.
+fn head(xml: &mut Xml, description: &str, name: &str, comment: Option<&str>) {
     xml.open(
         "project",
         &[
@@ -98,10 +134,13 @@ pub fn project_xml(built: &BuiltCell, controller: &ControllerId) -> String {
             ("productVersion", env!("CARGO_PKG_VERSION")),
             // The schema asks for a time; the same cell has to give the same bytes.
             ("creationDateTime", "2020-01-01T00:00:00"),
-            ("contentDescription", "Flexible Automation Project"),
+            ("contentDescription", description),
         ],
     );
-    xml.open("contentHeader", &[("name", controller.as_str())]);
+    xml.open("contentHeader", &[("name", name)]);
+    if let Some(comment) = comment {
+        xml.text("Comment", comment);
+    }
     xml.open("coordinateInfo", &[]);
     for language in ["fbd", "ld", "sfc"] {
         xml.open(language, &[]);
@@ -110,26 +149,22 @@ pub fn project_xml(built: &BuiltCell, controller: &ControllerId) -> String {
     }
     xml.close();
     xml.close();
-    types(&mut xml, &units);
-    xml.open("instances", &[]);
-    xml.open("configurations", &[]);
-    xml.open(
-        "configuration",
-        &[("name", &identifier(controller.as_str()))],
-    );
-    for unit in &units {
-        resource(&mut xml, unit);
-    }
-    xml.close();
-    xml.close();
-    xml.close();
-    xml.close();
-    xml.finish()
 }
 
 /// Settles an MC's names: an item that another MC has with the same content is shared, one with other content is renamed.
-fn unit<'a>(mc: &'a BuiltMc, shared: &mut BTreeMap<(bool, String), Item>) -> Unit<'a> {
-    let (project, _) = parse_project(&mc.sources);
+fn unit<'a>(
+    mc: &'a BuiltMc,
+    generated: bool,
+    shared: &mut BTreeMap<(bool, String), Item>,
+) -> Unit<'a> {
+    // The generated source is the last one.
+    let written = mc.sources.len() - usize::from(!generated);
+    let (project, _) = parse_project(&mc.sources[..written]);
+    let entry = if generated {
+        Names::of(mc.mc.as_str()).control
+    } else {
+        mc.program.clone()
+    };
     let mut renames = Renames::new();
     loop {
         let items = unit::items(&project, &renames);
@@ -149,6 +184,7 @@ fn unit<'a>(mc: &'a BuiltMc, shared: &mut BTreeMap<(bool, String), Item>) -> Uni
             }
             return Unit {
                 mc,
+                entry,
                 project,
                 renames,
                 items,
@@ -186,14 +222,13 @@ fn types(xml: &mut Xml, units: &[Unit<'_>]) {
 
 fn resource(xml: &mut Xml, unit: &Unit<'_>) {
     let mc = unit.mc;
-    let names = Names::of(mc.mc.as_str());
     let renamed = |name: &str| {
         unit.renames
             .get(&name.to_ascii_uppercase())
             .cloned()
             .unwrap_or_else(|| name.to_owned())
     };
-    let control = renamed(&names.control);
+    let control = renamed(&unit.entry);
     xml.open("resource", &[("name", mc.mc.as_str())]);
     xml.open(
         "task",

@@ -5,6 +5,7 @@
 
 use super::body::{body_text, words};
 use super::xml::Xml;
+use fam_soft_plc::source::Span;
 use fam_soft_plc::syntax::ast::{
     Expr, Init, Pou, PouKind, Project, TypeDecl, TypeSpec, TypeSpecKind, VarBlock, VarDecl,
     VarSection,
@@ -31,7 +32,20 @@ pub struct Item {
 /// All types, then all POUs of a project.
 #[must_use]
 pub fn items(project: &Project, renames: &Renames) -> Vec<Item> {
-    let writer = UnitWriter { project, renames };
+    items_with(project, renames, &|_| None)
+}
+
+/// The comment of a declaration, by the span of its name.
+pub type Comments<'a> = &'a dyn Fn(Span) -> Option<String>;
+
+/// As [`items`], with comments as documentation.
+#[must_use]
+pub fn items_with(project: &Project, renames: &Renames, comments: Comments<'_>) -> Vec<Item> {
+    let writer = UnitWriter {
+        project,
+        renames,
+        comments,
+    };
     let types = project.types.iter().map(|t| Item {
         name: writer.name(&t.name.name),
         original: t.name.name.clone(),
@@ -49,15 +63,51 @@ pub fn items(project: &Project, renames: &Renames) -> Vec<Item> {
 
 /// Writes the global variables of a project (VAR_GLOBAL blocks) as `globalVars` elements.
 pub fn globals(xml: &mut Xml, project: &Project, renames: &Renames) {
-    let writer = UnitWriter { project, renames };
+    globals_with(xml, project, renames, &|_| None, &|_| true);
+}
+
+/// As [`globals`], with comments as documentation, and only those that are wanted.
+pub fn globals_with(
+    xml: &mut Xml,
+    project: &Project,
+    renames: &Renames,
+    comments: Comments<'_>,
+    wanted: &dyn Fn(&str) -> bool,
+) {
+    let writer = UnitWriter {
+        project,
+        renames,
+        comments,
+    };
     for block in &project.globals {
-        writer.block(xml, "globalVars", block);
+        let block = VarBlock {
+            decls: block
+                .decls
+                .iter()
+                .filter(|d| wanted(&d.name.name))
+                .cloned()
+                .collect(),
+            ..block.clone()
+        };
+        if !block.decls.is_empty() {
+            writer.block(xml, "globalVars", &block);
+        }
+    }
+}
+
+/// Documentation as the schema wants it.
+fn documentation(xml: &mut Xml, comment: Option<String>) {
+    if let Some(comment) = comment {
+        xml.open("documentation", &[]);
+        xml.cdata("xhtml:p", &comment);
+        xml.close();
     }
 }
 
 struct UnitWriter<'a> {
     project: &'a Project,
     renames: &'a Renames,
+    comments: Comments<'a>,
 }
 
 impl UnitWriter<'_> {
@@ -123,6 +173,7 @@ impl UnitWriter<'_> {
         if let Some(init) = &decl.init {
             self.initial_value(&mut xml, init);
         }
+        documentation(&mut xml, (self.comments)(decl.name.span));
         xml.close();
         xml.finish()
     }
@@ -185,6 +236,15 @@ impl UnitWriter<'_> {
                 }
                 xml.close();
             }
+            TypeSpecKind::Ref(to) => {
+                xml.open("pointer", &[]);
+                xml.open("baseType", &[]);
+                self.type_spec(xml, to);
+                xml.close();
+                xml.close();
+            }
+            // Wires of diagrams have no type of their own in a project; their values are computed where they are used.
+            TypeSpecKind::Inferred => xml.empty("ANY", &[]),
             TypeSpecKind::Struct { fields } => {
                 xml.open("struct", &[]);
                 for field in fields {
@@ -216,6 +276,7 @@ impl UnitWriter<'_> {
         if let Some(init) = &decl.init {
             self.initial_value(xml, init);
         }
+        documentation(xml, (self.comments)(decl.name.span));
         xml.close();
     }
 
@@ -274,7 +335,7 @@ impl UnitWriter<'_> {
         let mut xml = Xml::fragment();
         let kind = match pou.kind {
             PouKind::Program => "program",
-            PouKind::Function => "function",
+            PouKind::Function | PouKind::Method => "function",
             PouKind::FunctionBlock => "functionBlock",
         };
         xml.open(
@@ -316,6 +377,7 @@ impl UnitWriter<'_> {
         xml.cdata("xhtml:p", &body);
         xml.close();
         xml.close();
+        documentation(&mut xml, (self.comments)(pou.name.span));
         xml.close();
         xml.finish()
     }

@@ -1,11 +1,13 @@
 //! The gateway as one state machine: tick and images, frames, openings, watchdogs, reports.
 
+mod foreign;
 mod interface;
 mod time;
 
 pub use interface::{GatewayAct, GatewayError, GatewayInput, GatewayLocal, GatewayOutput, Why};
 pub use time::REPORT_REJECTED_US;
 
+use self::foreign::Foreign;
 use crate::fence::Rejection;
 use crate::gate::{Accepted, Counters, Gate, Verdict};
 use crate::opening::{self, Decision};
@@ -60,6 +62,10 @@ pub struct Gateway {
     tick_us: u64,
     fenced: bool,
     gates: BTreeMap<McId, Gate>,
+    /// MCs here whose exported variables MCs of other gateways read.
+    exported: BTreeSet<McId>,
+    /// MCs of other gateways whose exported variables MCs here read.
+    foreign: BTreeMap<McId, Foreign>,
     /// Rejections not yet reported, by MC.
     reported: BTreeMap<McId, Reported>,
     /// Frames that belong to no MC here.
@@ -81,6 +87,7 @@ impl Hash for Gateway {
         self.id.hash(state);
         self.boot.hash(state);
         self.gates.hash(state);
+        self.foreign.hash(state);
         self.alive.hash(state);
         self.image.hash(state);
         self.next_tick.hash(state);
@@ -129,7 +136,8 @@ impl Gateway {
                 (mc.mc.clone(), gate)
             })
             .collect();
-        check_places(&gates)?;
+        let (exported, foreign) = foreign::of(cell, id);
+        check_places(&gates, &foreign)?;
         let mut gateway = Gateway {
             id: id.clone(),
             boot,
@@ -140,6 +148,8 @@ impl Gateway {
                 .map(|mc| (mc.clone(), Reported::default()))
                 .collect(),
             gates,
+            exported,
+            foreign,
             stray: BTreeMap::new(),
             misdirected: 0,
             alive: BTreeSet::new(),
@@ -511,7 +521,10 @@ fn cut(text: &str) -> String {
     text[..end].to_owned()
 }
 
-fn check_places(gates: &BTreeMap<McId, Gate>) -> Result<(), GatewayError> {
+fn check_places(
+    gates: &BTreeMap<McId, Gate>,
+    foreign: &BTreeMap<McId, Foreign>,
+) -> Result<(), GatewayError> {
     for (mc, gate) in gates {
         let model = gate.model();
         let outside = |variable: &str| GatewayError::Place {
@@ -528,11 +541,14 @@ fn check_places(gates: &BTreeMap<McId, Gate>) -> Result<(), GatewayError> {
                 return Err(outside(&input.name));
             }
             if let InputSource::Export { mc: from, place } = &input.source {
-                let why = match gates.get(from) {
-                    None => "this gateway does not serve",
-                    Some(gate) if place::end(*place) > gate.outputs().len() => {
-                        "has no such place in its outputs"
-                    }
+                let len = match (gates.get(from), foreign.get(from)) {
+                    (Some(gate), _) => Some(gate.outputs().len()),
+                    (None, Some(foreign)) => Some(foreign.len()),
+                    (None, None) => None,
+                };
+                let why = match len {
+                    None => "the cell does not have",
+                    Some(len) if place::end(*place) > len => "has no such place in its outputs",
                     Some(_) => continue,
                 };
                 return Err(GatewayError::Export {
@@ -570,7 +586,14 @@ impl Agent for Gateway {
                     self.alive.remove(&owner);
                 }
             }
-            Input::Peer { .. } | Input::Image(_) => {}
+            Input::Peer { .. } => {}
+            Input::Image(image) => {
+                for exports in &image.exports {
+                    if let Some(foreign) = self.foreign.get_mut(&exports.mc) {
+                        foreign.take(&image, &exports.outputs, now);
+                    }
+                }
+            }
             Input::Persisted { ticket, result } => self.persisted(ticket, result, now),
             Input::Local(GatewayLocal::Frame(bytes)) => self.frame(&bytes, now),
             Input::Local(GatewayLocal::Field(inputs)) => {

@@ -56,6 +56,71 @@ fn exported_variables_are_seen_once_applied_and_fail_safe_after() {
 }
 
 #[test]
+fn exported_variables_of_another_gateway_come_with_its_images_and_fail_safe_without() {
+    let mut bench = Bench::new();
+    let other = GatewayId::new("gateway2").unwrap();
+    let mut cell = bench.cell.clone();
+    cell.gateways.push(fam_proto::model::GatewayModel {
+        gateway: other.clone(),
+        ..cell.gateways[0].clone()
+    });
+    cell.mcs[1].gateway = other.clone();
+    bench.cell = cell.clone();
+    bench.restart();
+    let mut reader = Gateway::new(&cell, &other, BootId(9), 1, vec![], bench.now).unwrap();
+    // What the reading gateway tells its MC after it has seen these images.
+    let seen = |reader: &mut Gateway, images: &[std::sync::Arc<InputImage>], now: Now| {
+        for image in images {
+            reader.handle(Input::Image(image.clone()), now);
+        }
+        reader.handle(Input::Local(GatewayLocal::Field(vec![])), now);
+        reader.handle_timeout(now);
+        reader.handle(Input::Local(GatewayLocal::Field(vec![])), now);
+        let mut bits = None;
+        while let Some(output) = reader.poll_output() {
+            if let agent::Output::Act(fam_gateway_core::GatewayAct::PublishImage(image)) = output {
+                bits = Some(image.inputs_of(&importer_id()).unwrap().bytes[3]);
+            }
+        }
+        bits.expect("an image each tick")
+    };
+    bench.pass(TICK_US);
+    let before = bench.images.last().unwrap().clone();
+    assert_eq!(before.exports[0].mc, mc_id());
+    let mut driver = bench.driver(1, 5);
+    bench.scan(&mut driver);
+    bench.pass(TICK_US);
+    let after = bench.images.last().unwrap().clone();
+    let now = bench.now;
+    assert_eq!(
+        seen(&mut reader, &[], now),
+        0,
+        "nothing heard yet: fail-safe"
+    );
+    let now = now.plus_us(TICK_US);
+    assert_eq!(
+        seen(&mut reader, &[after.clone(), before], now),
+        0b100,
+        "an older image changes nothing"
+    );
+    let mut stranger = InputImage::clone(&after);
+    stranger.gateway = other;
+    stranger.number = ImageNumber(u64::MAX);
+    stranger.exports[0].outputs.fill(0);
+    let now = now.plus_us(TICK_US);
+    assert_eq!(
+        seen(&mut reader, &[stranger.into()], now),
+        0b100,
+        "only its own gateway speaks for an MC"
+    );
+    assert_eq!(
+        seen(&mut reader, &[], now.plus_us(WATCHDOG_US + TICK_US)),
+        0,
+        "fail-safe once it is silent"
+    );
+}
+
+#[test]
 fn a_silent_field_makes_its_mcs_stale_and_no_others() {
     let mut bench = Bench::new();
     bench.field_answers = false;

@@ -23,6 +23,7 @@ use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Version of the file that this build writes, and the only one that it reads.
 pub const FILE_VERSION: u32 = 1;
@@ -125,6 +126,14 @@ pub struct RecordFile {
     starts: u32,
 }
 
+/// Now, in seconds since 1970.
+fn made_s() -> u32 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.map_or(1, |since| {
+        u32::try_from(since.as_secs()).unwrap_or(1).max(1)
+    })
+}
+
 impl RecordFile {
     /// Opens the file for a gateway, or makes it, counts this start, and returns what it holds.
     ///
@@ -183,7 +192,7 @@ impl RecordFile {
         Ok((records, stored))
     }
 
-    /// How often the file has been opened by a gateway, this time included.
+    /// Grows with each opening by a gateway; it begins with the time at which the file was made, in seconds since 1970.
     #[must_use]
     pub fn starts(&self) -> u32 {
         self.starts
@@ -204,7 +213,13 @@ impl RecordFile {
             if value == !complement { value } else { 0 }
         };
         let counts = STARTS_AT.map(read);
-        self.starts = counts[0].max(counts[1]).saturating_add(1);
+        let before = counts[0].max(counts[1]);
+        // Image numbers grow with it, and others go by them: a file that is made anew goes on above the one that was lost.
+        self.starts = if before == 0 {
+            made_s()
+        } else {
+            before.saturating_add(1)
+        };
         let at = STARTS_AT[usize::from(counts[0] > counts[1])];
         self.map[at..at + 4].copy_from_slice(&self.starts.to_le_bytes());
         self.map[at + 4..at + 8].copy_from_slice(&(!self.starts).to_le_bytes());

@@ -5,6 +5,9 @@ use std::collections::VecDeque;
 use std::io::{Error, ErrorKind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+/// What a disk writes whole or not at all, in bytes.
+const SECTOR: u64 = 512;
+
 #[derive(Debug, Default)]
 struct State {
     /// What survives a crash.
@@ -78,6 +81,38 @@ impl Disk {
         for (position, change) in pending.iter().enumerate() {
             if keeps(position) {
                 apply(&mut state.durable, change);
+            }
+        }
+        state.current.clone_from(&state.durable);
+        state.life += 1;
+    }
+
+    /// As [`Disk::crash`], in the middle of writes: of each write since the last sync only those sectors are on the disk that
+    /// `keeps` picks by the write's position and the sector's number.
+    pub fn crash_torn(&self, mut keeps: impl FnMut(usize, u64) -> bool) {
+        let mut state = self.lock();
+        let pending = std::mem::take(&mut state.pending);
+        let state = &mut *state;
+        for (position, change) in pending.iter().enumerate() {
+            match change {
+                Change::Len(_) => {
+                    if keeps(position, 0) {
+                        apply(&mut state.durable, change);
+                    }
+                }
+                Change::Bytes(at, data) => {
+                    let mut from = 0;
+                    while from < data.len() {
+                        let here = at + from as u64;
+                        let rest = usize::try_from(SECTOR - here % SECTOR).unwrap_or(data.len());
+                        let to = data.len().min(from + rest);
+                        if keeps(position, here / SECTOR) {
+                            let piece = Change::Bytes(here, data[from..to].to_vec());
+                            apply(&mut state.durable, &piece);
+                        }
+                        from = to;
+                    }
+                }
             }
         }
         state.current.clone_from(&state.durable);

@@ -82,12 +82,13 @@ fn any_write() -> impl Strategy<Value = RepoWrite> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
-    /// Batches of writes, a crash at some operation with any part of the unsynced writes on the disk: what was answered `Ok` is there.
+    /// Batches of writes, a crash at some operation with any part of the unsynced writes on the disk, whole or torn: what was answered `Ok` is there.
     #[test]
     fn what_was_stored_survives_any_crash(
         batches in prop::collection::vec(prop::collection::vec(any_write(), 1..5), 1..12),
         fails_in in 0..120_u64,
         kept in any::<u64>(),
+        torn in any::<bool>(),
     ) {
         let disk = Disk::default();
         let (mut repository, found) = open(&disk).unwrap();
@@ -108,7 +109,12 @@ proptest! {
             }
         }
         disk.fail_in(None);
-        disk.crash(|position| kept >> (position % 64) & 1 == 1);
+        let keeps = |n: u64| kept.rotate_left(u32::try_from(n % 64).unwrap_or(0)) & 1 == 1;
+        if torn {
+            disk.crash_torn(|position, sector| keeps(position as u64 + sector));
+        } else {
+            disk.crash(|position| keeps(position as u64));
+        }
         drop(repository);
         let (_, found) = open(&disk).unwrap();
         prop_assert!(

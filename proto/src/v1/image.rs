@@ -17,6 +17,16 @@ pub struct McInputs {
     pub fresh: bool,
 }
 
+/// The outputs of one MC as they stand at its gateway.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct McExports {
+    /// The MC.
+    pub mc: McId,
+    /// Its output image.
+    #[serde(with = "serde_bytes")]
+    pub outputs: Vec<u8>,
+}
+
 /// One cycle's inputs and records.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct InputImage {
@@ -32,6 +42,8 @@ pub struct InputImage {
     pub inputs: Vec<McInputs>,
     /// Records of every MC of this gateway: acknowledgements and rejections.
     pub records: Vec<RecordSummary>,
+    /// Outputs of the MCs of this gateway whose exported variables MCs of other gateways read.
+    pub exports: Vec<McExports>,
 }
 
 impl InputImage {

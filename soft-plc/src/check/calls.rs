@@ -20,6 +20,11 @@ impl Checker<'_> {
         expected: Option<TypeId>,
         span: Span,
     ) -> Expr {
+        if let Some(call) = self.method_call(callee, args, span) {
+            return self.method_value(call, span);
+        }
+        let plain = self.without_namespace(callee);
+        let callee = plain.as_ref().unwrap_or(callee);
         let ast::ExprKind::Name(name) = &callee.kind else {
             return self.refuse_invocation(span);
         };
@@ -78,6 +83,17 @@ impl Checker<'_> {
         error_expr(span)
     }
 
+    /// `Space.function` is `function`.
+    fn without_namespace(&mut self, callee: &ast::Expr) -> Option<ast::Expr> {
+        let ast::ExprKind::Field(base, name) = &callee.kind else {
+            return None;
+        };
+        self.is_namespace(base).then(|| ast::Expr {
+            kind: ast::ExprKind::Name(name.name.clone()),
+            span: callee.span,
+        })
+    }
+
     fn refuse_invocation(&mut self, span: Span) -> Expr {
         self.report(
             Problem::error("E403", span, "only a function can be called inside an expression")
@@ -91,6 +107,25 @@ impl Checker<'_> {
         let ast::ExprKind::Call(callee, args) = &call.kind else {
             return None;
         };
+        if let Some(method) = self.method_call(callee, args, call.span) {
+            return method.map(StmtKind::Call);
+        }
+        let plain = self.without_namespace(callee);
+        let callee = plain.as_ref().unwrap_or(callee);
+        let super_word = match &callee.kind {
+            ast::ExprKind::Name(name) => Some(name),
+            ast::ExprKind::Deref(inner) => match &inner.kind {
+                ast::ExprKind::Name(name) => Some(name),
+                _ => None,
+            },
+            _ => None,
+        };
+        if let Some(word) = super_word
+            && word.eq_ignore_ascii_case("SUPER")
+            && self.find_var(word).is_none()
+        {
+            return self.super_body(call.span);
+        }
         if let ast::ExprKind::Name(name) = &callee.kind
             && self.find_var(name).is_none()
         {
@@ -116,7 +151,7 @@ impl Checker<'_> {
                             .invocation(pou, None, args, call.span)
                             .map(StmtKind::Invoke);
                     }
-                    PouKind::FunctionBlock => {
+                    PouKind::FunctionBlock | PouKind::Method => {
                         self.unknown_name(name, callee.span);
                         return None;
                     }
@@ -126,7 +161,7 @@ impl Checker<'_> {
             if result.ty != TypeId::ERROR {
                 let message = format!("the result of `{name}` is not used");
                 self.report(
-                    Problem::error("E405", call.span, message).hint("assign it to a variable"),
+                    Problem::warning("W705", call.span, message).hint("assign it to a variable"),
                 );
             }
             return None;
@@ -182,7 +217,7 @@ impl Checker<'_> {
         })
     }
 
-    fn note_call(&mut self, callee: PouId) {
+    pub(super) fn note_call(&mut self, callee: PouId) {
         if let Some(caller) = self.current.pou {
             self.pous[caller.0 as usize].calls.insert(callee);
         }
@@ -277,8 +312,12 @@ impl Checker<'_> {
                 if given.name.eq_ignore_ascii_case("EN")
                     || given.name.eq_ignore_ascii_case("ENO") =>
             {
-                Problem::error("E109", at, "EN and ENO are not supported")
-                    .hint("put the call into an IF")
+                Problem::error(
+                    "E417",
+                    at,
+                    "EN and ENO cannot stand in a call inside an expression",
+                )
+                .hint("make the call a statement of its own: `x := f(EN := c, ...)`")
             }
             Some(given) => {
                 let problem = Problem::error(
@@ -305,7 +344,12 @@ impl Checker<'_> {
         self.report(problem);
     }
 
-    fn function_call(&mut self, pou: PouId, args: &[Arg], span: Span) -> Option<FunctionCall> {
+    pub(super) fn function_call(
+        &mut self,
+        pou: PouId,
+        args: &[Arg],
+        span: Span,
+    ) -> Option<FunctionCall> {
         self.note_call(pou);
         let pairs = self.match_arguments(pou, args, span)?;
         let mut list = Vec::new();
@@ -331,11 +375,14 @@ impl Checker<'_> {
                 },
                 (VarSection::Output, Some((value, negated))) => {
                     if negated {
-                        self.report(Problem::error(
-                            "E408",
-                            span,
-                            "NOT before an output of a function is not supported",
-                        ));
+                        self.report(
+                            Problem::error(
+                                "E408",
+                                span,
+                                "NOT cannot stand before an output of a function",
+                            )
+                            .hint("negate the variable in a statement of its own"),
+                        );
                         failed = true;
                     }
                     match self.output_target(parameter, value) {
@@ -364,6 +411,7 @@ impl Checker<'_> {
         }
         (!failed).then_some(FunctionCall {
             pou,
+            receiver: None,
             args: list,
             span,
         })
@@ -381,6 +429,23 @@ impl Checker<'_> {
     /// An input that is left out has its initial value.
     fn default_argument(&mut self, parameter: VarId, span: Span) -> Option<Expr> {
         let ty = self.var(parameter).ty;
+        if let Some((wide, _)) = self.types.text(ty) {
+            let units = match self
+                .var(parameter)
+                .init
+                .clone()
+                .or(self.types.init(ty).cloned())
+            {
+                Some(crate::check::tree::InitValue::Text(units)) => units,
+                _ => std::sync::Arc::from([]),
+            };
+            let ty = self.types.string(wide, units.len().max(1) as u32);
+            return Some(Expr {
+                kind: ExprKind::Text(units),
+                ty,
+                span,
+            });
+        }
         if self.types.is_aggregate(ty) {
             self.missing(parameter, span);
             return None;
@@ -409,7 +474,12 @@ impl Checker<'_> {
         if !is_instance && !self.writable(&place) {
             return None;
         }
-        if !self.types.same(place.ty, ty) {
+        let strings = match (self.types.text(place.ty), self.types.text(ty)) {
+            (Some(have), Some(want)) => have.0 == want.0,
+            _ => false,
+        };
+        let derived = is_instance && self.derives(place.ty, ty);
+        if !self.types.same(place.ty, ty) && !strings && !derived {
             let message = format!(
                 "`{name}` (VAR_IN_OUT) takes a variable of type {}, and this is {}",
                 self.type_name(ty),
@@ -425,7 +495,16 @@ impl Checker<'_> {
     }
 
     fn output_target(&mut self, parameter: VarId, value: &ast::Expr) -> Option<Place> {
-        let place = self.place(value)?;
+        self.current.defining = true;
+        let place = self.place(value);
+        self.current.defining = false;
+        let mut place = place?;
+        if place.ty == TypeId::INFERRED
+            && let crate::check::tree::Root::Var(id) = place.root
+        {
+            place.ty = self.var(parameter).ty;
+            self.vars[id.0 as usize].ty = place.ty;
+        }
         if !self.writable(&place) {
             return None;
         }
@@ -441,6 +520,11 @@ impl Checker<'_> {
             }
             _ => false,
         };
+        if let (Some(have), Some(want)) = (self.types.text(ty), self.types.text(place.ty))
+            && have.0 == want.0
+        {
+            return Some(place);
+        }
         let enums = self.types.is_enum(ty) || self.types.is_enum(place.ty);
         if !self.types.same(ty, place.ty) && (enums || !widens) {
             let message = format!(

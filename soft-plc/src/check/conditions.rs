@@ -118,6 +118,9 @@ pub fn evaluate(
                 args.iter().map(|a| evaluate(project, a, load)).collect();
             stdfun::evaluate(*fun, elem(expr)?, &args?)
         }
-        ExprKind::Call(_) => Err(Fault::Types),
+        ExprKind::Call(_)
+        | ExprKind::Text(_)
+        | ExprKind::AddressOf(_)
+        | ExprKind::AddressIf(..) => Err(Fault::Types),
     }
 }

@@ -5,7 +5,7 @@ use crate::check::{Checker, Declared, Progress, key};
 use crate::diag::{Fallible, Problem};
 use crate::source::Span;
 use crate::syntax::ast::{self, PouKind, VarSection};
-use crate::types::{Elem, TypeId, TypeKind};
+use crate::types::{Elem, InterfaceId, TypeId, TypeKind};
 
 impl<'p> Checker<'p> {
     pub(super) fn collect(&mut self) {
@@ -17,6 +17,14 @@ impl<'p> Checker<'p> {
             let id = PouId(self.pous.len() as u32);
             self.claim(&pou.name, Declared::Pou(id));
             self.add_pou(pou, false);
+        }
+        for (index, interface) in project.interfaces.iter().enumerate() {
+            let id = InterfaceId(index as u32);
+            self.claim(&interface.name, Declared::Interface(id));
+            let ty = self
+                .types
+                .add(Some(interface.name.name.clone()), TypeKind::Interface(id));
+            self.interface_types.push(ty);
         }
         for (b, block) in project.globals.iter().enumerate() {
             for (d, decl) in block.decls.iter().enumerate() {
@@ -30,9 +38,10 @@ impl<'p> Checker<'p> {
                 self.add_pou(pou, true);
             }
         }
+        self.collect_methods();
     }
 
-    fn add_pou(&mut self, pou: &ast::Pou, library: bool) {
+    pub(super) fn add_pou(&mut self, pou: &'p ast::Pou, library: bool) {
         let id = PouId(self.pous.len() as u32);
         self.pous.push(Pou {
             name: pou.name.name.clone(),
@@ -43,7 +52,16 @@ impl<'p> Checker<'p> {
             result: None,
             body: Vec::new(),
             calls: std::collections::BTreeSet::new(),
+            instance_of: None,
+            extends: None,
+            implements: Vec::new(),
+            methods: Vec::new(),
+            is_abstract: pou.class.is_abstract,
+            is_final: pou.class.is_final,
+            access: pou.class.access,
+            tag: None,
         });
+        self.syntaxes.push(pou);
         if pou.kind == PouKind::FunctionBlock {
             let ty = self
                 .types
@@ -82,6 +100,7 @@ impl<'p> Checker<'p> {
             }
         }
         self.declare_pous();
+        self.check_configured();
         self.settle_inits();
     }
 
@@ -117,11 +136,27 @@ impl<'p> Checker<'p> {
         section: VarSection,
         owner: Option<PouId>,
     ) -> VarId {
-        let ty = self.resolve_spec(&decl.spec, None);
-        let location = decl.location.as_ref().and_then(|at| {
-            let result = self.located(at, ty);
-            self.ok(result)
-        });
+        let mut ty = self.resolve_spec(&decl.spec, None);
+        if ty == TypeId::INFERRED && owner.is_none() {
+            ty = TypeId::ERROR;
+        }
+        let open = decl
+            .location
+            .as_ref()
+            .is_some_and(|at| at.name.ends_with('*'));
+        let open_input = open
+            && decl
+                .location
+                .as_ref()
+                .is_some_and(|at| at.name.to_ascii_uppercase().starts_with("%I"));
+        let configured = self.configured(&decl.name.name, owner);
+        let location = configured
+            .and_then(|c| c.location.as_ref())
+            .or(decl.location.as_ref().filter(|_| !open))
+            .and_then(|at| {
+                let result = self.located(at, ty);
+                self.ok(result)
+            });
         let id = VarId(self.vars.len() as u32);
         self.vars.push(Var {
             name: decl.name.name.clone(),
@@ -130,6 +165,7 @@ impl<'p> Checker<'p> {
             constant: block.constant,
             retain: block.retain,
             location,
+            open_input: open_input && location.is_none(),
             init: None,
             owner,
             span: decl.name.span,
@@ -144,7 +180,10 @@ impl<'p> Checker<'p> {
             let message = format!("the constant `{}` cannot be located", decl.name.name);
             self.report(Problem::error("E206", decl.name.span, message));
         }
-        if let Some(init) = &decl.init {
+        let init = configured
+            .and_then(|c| c.init.as_ref())
+            .or(decl.init.as_ref());
+        if let Some(init) = init {
             if block.constant && !self.types.is_aggregate(ty) {
                 let value = self.init_value(init, ty);
                 self.vars[id.0 as usize].init = value;
@@ -154,6 +193,61 @@ impl<'p> Checker<'p> {
             }
         }
         id
+    }
+
+    /// What VAR_CONFIG says about a variable of a program.
+    fn configured(&self, name: &str, owner: Option<PouId>) -> Option<&'p ast::Configured> {
+        let pou = self.pou(owner?);
+        if pou.kind != PouKind::Program {
+            return None;
+        }
+        let all = self
+            .project
+            .configurations
+            .iter()
+            .flat_map(|c| c.configured.iter().map(move |v| (c, v)));
+        for (configuration, configured) in all {
+            let [.., program, variable] = configured.path.as_slice() else {
+                continue;
+            };
+            let is_it = program_of(configuration, &program.name).eq_ignore_ascii_case(&pou.name);
+            if is_it && variable.name.eq_ignore_ascii_case(name) {
+                return Some(configured);
+            }
+        }
+        None
+    }
+
+    /// Every line of VAR_CONFIG means a variable of a program.
+    fn check_configured(&mut self) {
+        let project = self.project;
+        for configuration in &project.configurations {
+            for configured in &configuration.configured {
+                let found = match configured.path.as_slice() {
+                    [.., program, variable] => self
+                        .find_declared_pou(program_of(configuration, &program.name))
+                        .filter(|p| self.pou(*p).kind == PouKind::Program)
+                        .is_some_and(|p| {
+                            self.pou(p)
+                                .vars
+                                .iter()
+                                .any(|v| self.var(*v).name.eq_ignore_ascii_case(&variable.name))
+                        }),
+                    _ => false,
+                };
+                if !found && let Some(last) = configured.path.last() {
+                    self.report(
+                        Problem::error(
+                            "E228",
+                            last.span,
+                            "this path of VAR_CONFIG names no variable of a program",
+                        )
+                        .expected("resource.program.variable")
+                        .hint("a variable inside a function block cannot be placed: connect it to a variable of the program"),
+                    );
+                }
+            }
+        }
     }
 
     /// The place of a variable in the process image.
@@ -215,6 +309,16 @@ impl<'p> Checker<'p> {
     }
 }
 
+/// The program of an instance's name, or the name itself.
+fn program_of<'a>(configuration: &'a ast::Configuration, name: &'a str) -> &'a str {
+    configuration
+        .resources
+        .iter()
+        .flat_map(|r| &r.instances)
+        .find(|i| i.name.eq_ignore_ascii_case(name))
+        .map_or(name, |i| i.program.as_str())
+}
+
 fn bits(n: u32) -> String {
     if n == 1 {
         "1 bit".into()
@@ -230,21 +334,17 @@ pub const IMAGE_BYTES_MAX: u32 = 64 * 1024;
 pub fn parse_location(text: &str, span: Span) -> Fallible<Location> {
     let bad = |message: String| {
         Err(Box::new(Problem::error("E208", span, message).expected(
-            "%IX3.5, %IB3, %IW2, %ID1 or %IL0, or the same with Q",
+            "%IX3.5, %IB3, %IW2, %ID1 or %IL0, or the same with Q or M",
         )))
     };
     let upper = text.to_ascii_uppercase();
     let mut chars = upper.chars();
     chars.next();
-    let output = match chars.next() {
+    let area = chars.next();
+    let memory = area == Some('M');
+    let output = match area {
         Some('I') => false,
-        Some('Q') => true,
-        Some('M') => {
-            return Err(Box::new(
-                Problem::error("E208", span, format!("`{text}`: there is no %M memory area"))
-                    .hint("declare an ordinary variable; it is kept from scan to scan and is part of the state"),
-            ));
-        }
+        Some('Q' | 'M') => true,
         _ => return bad(format!("`{text}` is no address of an input or output")),
     };
     let rest = chars.as_str();
@@ -263,6 +363,8 @@ pub fn parse_location(text: &str, span: Span) -> Fallible<Location> {
     let (unit, bit) = match (size, parts.as_slice()) {
         ('X', [byte, bit]) if *bit < 8 => (*byte, Some(*bit as u8)),
         ('X', [_, bit]) if *bit >= 8 => return bad(format!("`{text}`: a byte has bits 0 to 7")),
+        // `%IX7` without a bit: the bits are counted through.
+        ('X', [number]) => (*number / 8, Some((*number % 8) as u8)),
         ('X', _) => return bad(format!("`{text}`: a bit needs a byte and a bit number")),
         (_, [unit]) => (*unit, None),
         _ => return bad(format!("`{text}` has too many parts")),
@@ -276,6 +378,7 @@ pub fn parse_location(text: &str, span: Span) -> Fallible<Location> {
     match unit.checked_mul(width) {
         Some(byte) if byte + width <= IMAGE_BYTES_MAX => Ok(Location {
             output,
+            memory,
             byte,
             bit,
             size,

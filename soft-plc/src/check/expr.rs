@@ -1,7 +1,7 @@
 //! Expressions: types, implicit conversions, constants.
 
 use crate::check::tree::{Expr, ExprKind, InitValue, Limits, Place, Root};
-use crate::check::{Checker, key};
+use crate::check::{Checker, Declared, Dialect, key};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{self, BinOp, UnOp};
@@ -34,9 +34,19 @@ impl Checker<'_> {
             ast::ExprKind::Real(v) => constant(Value::Lreal(*v), TypeId::UNTYPED_REAL, span),
             ast::ExprKind::Bool(b) => constant(Value::Bool(*b), TypeId::BOOL, span),
             ast::ExprKind::Time(ns) => constant(Value::Time(*ns), TypeId::TIME, span),
-            ast::ExprKind::Str(_) => {
-                self.report(Problem::error("E203", span, "strings are not supported"));
-                error_expr(span)
+            ast::ExprKind::Date(elem, ns) => constant(
+                Value::from_i128(*elem, i128::from(*ns)),
+                TypeId::of(*elem),
+                span,
+            ),
+            ast::ExprKind::Str(text) => self.text_literal(text, false, span),
+            ast::ExprKind::WStr(text) => self.text_literal(text, true, span),
+            ast::ExprKind::Null => constant(Value::Ref(0), TypeId::NULL, span),
+            ast::ExprKind::Field(base, value)
+                if self.enum_behind(base).is_some() && self.is_no_place(base) =>
+            {
+                let prefix = self.enum_behind(base).unwrap_or_else(|| value.clone());
+                self.enum_value(&prefix, value, span)
             }
             ast::ExprKind::Typed(elem, inner) => self.typed_literal(*elem, inner, span),
             ast::ExprKind::EnumValue(ty, value) => self.enum_value(ty, value, span),
@@ -44,6 +54,8 @@ impl Checker<'_> {
             ast::ExprKind::Direct(_)
             | ast::ExprKind::Field(..)
             | ast::ExprKind::Index(..)
+            | ast::ExprKind::Deref(..)
+            | ast::ExprKind::Partial(..)
             | ast::ExprKind::Bit(..) => match self.place(expr) {
                 Some(place) => self.load(place),
                 None => error_expr(span),
@@ -67,6 +79,31 @@ impl Checker<'_> {
                 };
                 self.binary(*op, l, r, span)
             }
+        }
+    }
+
+    /// `Color` in `Color.Red`, as CODESYS writes `Color#Red`.
+    fn enum_behind(&mut self, base: &ast::Expr) -> Option<ast::Ident> {
+        let (ast::ExprKind::Name(name) | ast::ExprKind::Field(_, ast::Ident { name, .. })) =
+            &base.kind
+        else {
+            return None;
+        };
+        let Some(Declared::Type(index)) = self.names.get(&key(name)).copied() else {
+            return None;
+        };
+        let ty = self.resolve_declared(index, base.span);
+        self.types.is_enum(ty).then(|| ast::Ident {
+            name: name.clone(),
+            span: base.span,
+        })
+    }
+
+    fn is_no_place(&mut self, base: &ast::Expr) -> bool {
+        match &base.kind {
+            ast::ExprKind::Name(name) => self.find_var(name).is_none(),
+            ast::ExprKind::Field(outer, _) => self.is_namespace(outer),
+            _ => false,
         }
     }
 
@@ -128,11 +165,18 @@ impl Checker<'_> {
     }
 
     /// A variable, a constant, or the name of an enumerated value.
-    fn name(&mut self, name: &str, expected: Option<TypeId>, span: Span) -> Expr {
+    pub(super) fn name(&mut self, name: &str, expected: Option<TypeId>, span: Span) -> Expr {
         if let Some(id) = self.find_var(name) {
             let var = self.var(id);
             let ty = var.ty;
             if ty == TypeId::ERROR {
+                return error_expr(span);
+            }
+            if ty == TypeId::INFERRED {
+                self.report(
+                    Problem::error("E320", span, "this value is needed before it is computed")
+                        .hint("a loop of connections needs a variable in it: write the value to one and read it from there"),
+                );
                 return error_expr(span);
             }
             if var.constant && !self.types.is_aggregate(ty) {
@@ -206,6 +250,12 @@ impl Checker<'_> {
         if self.types.same(expr.ty, ty) {
             return Expr { ty, ..expr };
         }
+        if self.types.is_ref(ty) {
+            return self.coerce_reference(expr, ty);
+        }
+        if let Some(text) = self.coerce_text(&expr, ty) {
+            return text;
+        }
         let (from, to) = (self.types.elem(expr.ty), self.types.elem(ty));
         if let (ExprKind::Const(value), Some(to)) = (&expr.kind, to)
             && !self.types.is_enum(ty)
@@ -230,6 +280,126 @@ impl Checker<'_> {
             let span = expr.span;
             let widened = self.convert(expr, to, span);
             return self.within(widened, ty);
+        }
+        if let Some(narrowed) = self.narrow(&expr, ty) {
+            return narrowed;
+        }
+        self.mismatch(&expr, ty);
+        error_expr(expr.span)
+    }
+
+    /// What CODESYS converts without being told: numbers and bit strings among each other, with a warning.
+    fn narrow(&mut self, expr: &Expr, ty: TypeId) -> Option<Expr> {
+        if self.options.dialect != Dialect::Codesys {
+            return None;
+        }
+        let (from, to) = (self.types.elem(expr.ty)?, self.types.elem(ty)?);
+        let plain = |e: Elem| e.is_num() || e.is_bit() || e == Elem::Time;
+        let bits = from.is_bit() && to.is_real() || from.is_real() && to.is_bit();
+        if !plain(from) || !plain(to) || bits || (to == Elem::Bool && from.is_real()) {
+            return None;
+        }
+        if !matches!(expr.kind, ExprKind::Const(_)) && from.bits() > to.bits() {
+            self.report(
+                Problem::warning(
+                    "W710",
+                    expr.span,
+                    format!("{from} becomes {to} here and may lose digits"),
+                )
+                .hint(format!("say so: {from}_TO_{to}(...)")),
+            );
+        }
+        let inner = Expr {
+            ty: TypeId::of(from),
+            ..expr.clone()
+        };
+        let converted = self.convert(inner, to, expr.span);
+        Some(self.within(converted, ty))
+    }
+
+    /// Arithmetic and logic of CODESYS: bit strings are unsigned numbers, and numbers are bit strings.
+    fn liberal_binary(&mut self, op: BinOp, left: &Expr, right: &Expr, span: Span) -> Option<Expr> {
+        if self.options.dialect != Dialect::Codesys {
+            return None;
+        }
+        let (left, right) = (self.settle(left.clone()), self.settle(right.clone()));
+        let (l, r) = (self.types.elem(left.ty)?, self.types.elem(right.ty)?);
+        let plain = |e: Elem| (e.is_num() || e.is_bit()) && e != Elem::Bool;
+        if !plain(l) || !plain(r) {
+            return None;
+        }
+        let bits = l.bits().max(r.bits());
+        let target = if op.is_logic() {
+            if l.is_real() || r.is_real() {
+                return None;
+            }
+            [Elem::Byte, Elem::Word, Elem::Dword, Elem::Lword]
+                .into_iter()
+                .find(|e| e.bits() == bits)?
+        } else if l.is_real() || r.is_real() || op == BinOp::Pow {
+            if l == Elem::Lreal || r == Elem::Lreal || bits > 32 {
+                Elem::Lreal
+            } else {
+                Elem::Real
+            }
+        } else {
+            let signed = l.is_signed() || r.is_signed();
+            Elem::ALL
+                .into_iter()
+                .find(|e| e.is_int() && e.bits() == bits && e.is_signed() == signed)?
+        };
+        if op == BinOp::Mod && target.is_real() {
+            return None;
+        }
+        let mut as_target = |e: Expr, from: Elem| {
+            // A bit string is a number here, never the bits of a real.
+            let number = if from.is_bit() && target.is_real() {
+                let whole = if from == Elem::Lword {
+                    Elem::Ulint
+                } else {
+                    Elem::Udint
+                };
+                self.convert(
+                    Expr {
+                        ty: TypeId::of(from),
+                        ..e
+                    },
+                    whole,
+                    span,
+                )
+            } else {
+                Expr {
+                    ty: TypeId::of(from),
+                    ..e
+                }
+            };
+            self.convert(number, target, span)
+        };
+        let (a, b) = (as_target(left, l), as_target(right, r));
+        Some(self.finish_binary(op, target, a, b, span))
+    }
+
+    /// A reference, NULL, or an instance where an interface is expected.
+    fn coerce_reference(&mut self, expr: Expr, ty: TypeId) -> Expr {
+        let fits = match (self.types.kind(ty), self.types.kind(expr.ty)) {
+            _ if expr.ty == TypeId::NULL => true,
+            (TypeKind::Ref(to), TypeKind::Ref(from)) => self.derives(*from, *to),
+            (TypeKind::Interface(id), TypeKind::FunctionBlock(pou)) => {
+                let implements = self.implements(*pou, *id);
+                if implements && let ExprKind::Load(place) = expr.kind.clone() {
+                    let span = expr.span;
+                    let address = self.address_of(*place, span);
+                    return Expr { ty, ..address };
+                }
+                false
+            }
+            (TypeKind::Interface(to), TypeKind::Interface(from)) => {
+                self.interface_extends(*from, *to)
+            }
+            _ => false,
+        };
+        if fits {
+            return Expr { ty, ..expr };
         }
         self.mismatch(&expr, ty);
         error_expr(expr.span)
@@ -265,10 +435,29 @@ impl Checker<'_> {
         if to.is_real() {
             return constant(Value::from_i128(to, v), ty, span);
         }
-        if to == Elem::Time {
+        if to.is_time() || to.is_char() {
             self.report(
-                Problem::error("E302", span, format!("{v} is no duration"))
-                    .expected("a TIME literal such as T#0s"),
+                Problem::error(
+                    "E302",
+                    span,
+                    format!(
+                        "{v} is no {}",
+                        match to {
+                            Elem::Time => "duration",
+                            Elem::Date => "date",
+                            Elem::Tod => "time of day",
+                            Elem::Dt => "date and time",
+                            _ => "character",
+                        }
+                    ),
+                )
+                .expected(match to {
+                    Elem::Time => "a TIME literal such as T#0s",
+                    Elem::Date => "a DATE literal such as D#2024-02-29",
+                    Elem::Tod => "a literal such as TOD#12:00:00",
+                    Elem::Dt => "a literal such as DT#2024-02-29-12:00:00",
+                    _ => "a literal such as 'A'",
+                }),
             );
             return error_expr(span);
         }
@@ -409,8 +598,17 @@ impl Checker<'_> {
         if left.ty == TypeId::ERROR || right.ty == TypeId::ERROR {
             return error_expr(span);
         }
+        if self.types.is_ref(left.ty) || self.types.is_ref(right.ty) {
+            return self.compare_references(op, left, right, span);
+        }
+        if let Some(compared) = self.compare_texts(op, &left, &right, span) {
+            return compared;
+        }
         if self.types.is_enum(left.ty) || self.types.is_enum(right.ty) {
             return self.compare_enums(op, left, right, span);
+        }
+        if let Some(dates) = self.date_arithmetic(op, &left, &right, span) {
+            return dates;
         }
         if let Some(folded) = self.fold_untyped(op, &left, &right, span) {
             return folded;
@@ -419,7 +617,10 @@ impl Checker<'_> {
             return time;
         }
         let Some(elem) = self.common_elem(op, &left, &right) else {
-            return self.operator_mismatch(op, &left, &right, span);
+            return match self.liberal_binary(op, &left, &right, span) {
+                Some(result) => result,
+                None => self.operator_mismatch(op, &left, &right, span),
+            };
         };
         let fits = match op {
             BinOp::Add | BinOp::Sub => elem.is_num() || elem == Elem::Time,
@@ -430,14 +631,17 @@ impl Checker<'_> {
             _ => true,
         };
         if !fits {
-            return self.operator_mismatch(op, &left, &right, span);
+            return match self.liberal_binary(op, &left, &right, span) {
+                Some(result) => result,
+                None => self.operator_mismatch(op, &left, &right, span),
+            };
         }
         let left = self.coerce(left, TypeId::of(elem));
         let right = self.coerce(right, TypeId::of(elem));
         self.finish_binary(op, elem, left, right, span)
     }
 
-    fn finish_binary(
+    pub(super) fn finish_binary(
         &mut self,
         op: BinOp,
         elem: Elem,
@@ -468,6 +672,55 @@ impl Checker<'_> {
             ty,
             span,
         }
+    }
+
+    fn compare_references(&mut self, op: BinOp, left: Expr, right: Expr, span: Span) -> Expr {
+        let fits = self.types.is_ref(left.ty) && self.types.is_ref(right.ty);
+        if !fits || !matches!(op, BinOp::Eq | BinOp::Ne) {
+            return self.operator_mismatch(op, &left, &right, span);
+        }
+        self.finish_binary(op, Elem::Ref, left, right, span)
+    }
+
+    /// Sums and differences of dates, times of day and durations (third edition, table 35).
+    fn date_arithmetic(
+        &mut self,
+        op: BinOp,
+        left: &Expr,
+        right: &Expr,
+        span: Span,
+    ) -> Option<Expr> {
+        let (l, r) = (self.types.elem(left.ty)?, self.types.elem(right.ty)?);
+        let result = match (op, l, r) {
+            (BinOp::Add, Elem::Tod | Elem::Dt, Elem::Time)
+            | (BinOp::Sub, Elem::Tod | Elem::Dt, Elem::Time) => l,
+            (BinOp::Sub, Elem::Date, Elem::Date)
+            | (BinOp::Sub, Elem::Tod, Elem::Tod)
+            | (BinOp::Sub, Elem::Dt, Elem::Dt) => Elem::Time,
+            _ => return None,
+        };
+        let seen = |e: &Expr| Expr {
+            ty: TypeId::TIME,
+            kind: match &e.kind {
+                ExprKind::Const(v) => {
+                    ExprKind::Const(Value::from_i128(Elem::Time, v.as_i128().unwrap_or(0)))
+                }
+                kind => kind.clone(),
+            },
+            span: e.span,
+        };
+        let sum = self.finish_binary(op, Elem::Time, seen(left), seen(right), span);
+        if sum.ty == TypeId::ERROR {
+            return Some(sum);
+        }
+        let ty = TypeId::of(result);
+        let kind = match sum.kind {
+            ExprKind::Const(v) => {
+                ExprKind::Const(Value::from_i128(result, v.as_i128().unwrap_or(0)))
+            }
+            kind => kind,
+        };
+        Some(Expr { kind, ty, span })
     }
 
     fn compare_enums(&mut self, op: BinOp, left: Expr, right: Expr, span: Span) -> Expr {
@@ -635,7 +888,7 @@ fn literal_with(literal: &Expr, other: Elem) -> Option<Elem> {
         return Some(other);
     }
     let (lo, hi) = other.limits()?;
-    if other == Elem::Time {
+    if other.is_time() || other.is_char() || other == Elem::Ref {
         return None;
     }
     if (lo..=hi).contains(&v) {

@@ -1,9 +1,9 @@
 //! Initial values of variables, fields and types.
 
 use crate::check::Checker;
-use crate::check::tree::{ExprKind, InitValue, VarId};
+use crate::check::tree::{ExprKind, InitValue, Root, VarId};
 use crate::diag::Problem;
-use crate::syntax::ast::{Init, VarSection};
+use crate::syntax::ast::{self, Init, VarSection};
 use crate::types::{TypeId, TypeKind};
 
 /// What an initial value belongs to that is worked out once everything is declared.
@@ -16,7 +16,7 @@ pub(super) enum Pending {
 
 impl Checker<'_> {
     pub(super) fn settle_inits(&mut self) {
-        for (target, init) in std::mem::take(&mut self.pending_inits) {
+        for (target, init) in self.pending_inits.clone() {
             let ty = match target {
                 Pending::Var(id) => {
                     self.enter(self.var(id).owner);
@@ -98,6 +98,25 @@ impl Checker<'_> {
                 }
                 Some(InitValue::Instance(values))
             }
+            // A constant of the same type.
+            (Init::Expr(expr), TypeKind::Array { .. } | TypeKind::Struct { .. })
+                if matches!(expr.kind, ast::ExprKind::Name(_)) =>
+            {
+                let place = self.place(expr)?;
+                if let Root::Var(id) = place.root
+                    && self.var(id).constant
+                    && self.types.same(place.ty, ty)
+                {
+                    return self.constant_init(id);
+                }
+                self.report(Problem::error(
+                    "E217",
+                    expr.span,
+                    "an initial value must be constant",
+                ));
+                None
+            }
+            // `a : ARRAY[0..3] OF INT := 1, 2, 3, 4` without brackets, and one value for a whole array, are CODESYS 2.
             (Init::Expr(expr), kind)
                 if !matches!(
                     kind,
@@ -109,8 +128,25 @@ impl Checker<'_> {
                 if typed.ty == TypeId::ERROR {
                     return None;
                 }
-                if let ExprKind::Const(value) = typed.kind {
-                    return Some(InitValue::Scalar(value));
+                match typed.kind {
+                    ExprKind::Const(value) => return Some(InitValue::Scalar(value)),
+                    ExprKind::Text(units) => return Some(InitValue::Text(units)),
+                    ExprKind::Load(place) if self.types.text(ty).is_some() => {
+                        if let Root::Var(id) = place.root
+                            && self.var(id).constant
+                            && place.steps.is_empty()
+                        {
+                            return self.constant_init(id);
+                        }
+                    }
+                    ExprKind::AddressOf(_) => {
+                        self.report(
+                            Problem::error("E217", expr.span, "a reference begins as NULL")
+                                .hint("assign it in the first scan"),
+                        );
+                        return None;
+                    }
+                    _ => {}
                 }
                 self.report(
                     Problem::error("E217", expr.span, "an initial value must be constant")
@@ -131,6 +167,32 @@ impl Checker<'_> {
                 None
             }
         }
+    }
+
+    /// The initial value of a constant, which may be waiting still.
+    fn constant_init(&mut self, id: VarId) -> Option<InitValue> {
+        if let Some(value) = &self.var(id).init {
+            return Some(value.clone());
+        }
+        let ty = self.var(id).ty;
+        if self.init_depth > 50 {
+            let span = self.var(id).span;
+            self.report(Problem::error(
+                "E204",
+                span,
+                "this constant needs its own value",
+            ));
+            return None;
+        }
+        let waiting = self
+            .pending_inits
+            .iter()
+            .find(|(p, _)| matches!(p, Pending::Var(v) if *v == id))
+            .map(|(_, init)| *init)?;
+        self.init_depth += 1;
+        let value = self.init_value(waiting, ty);
+        self.init_depth -= 1;
+        value
     }
 
     fn array_items(

@@ -1,15 +1,18 @@
 //! From the syntax tree to the typed tree: names looked up, types found, constants worked out, rules enforced.
 
 mod calls;
+mod class;
 mod conditions;
 mod declare;
 mod expr;
 mod init;
+pub mod lint;
 mod place;
 mod pous;
 mod stdcalls;
 pub mod stdfun;
 mod stmt;
+mod text;
 pub mod tree;
 mod types;
 pub mod visit;
@@ -19,11 +22,11 @@ use std::collections::BTreeMap;
 use crate::diag::{Diagnostic, Fallible, Problem, Severity, finish_all};
 use crate::source::Span;
 use crate::syntax::ast::Project;
-use crate::types::{TypeId, TypeTable};
+use crate::types::{InterfaceId, TypeId, TypeTable};
 use tree::{Pou, PouId, TypedProject, Var, VarId};
 
 pub use conditions::{check_expression, evaluate};
-pub use declare::IMAGE_BYTES_MAX;
+pub use declare::{IMAGE_BYTES_MAX, parse_location};
 
 /// What is allowed beyond the standard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,6 +34,16 @@ pub struct CheckOptions {
     /// Any POU may read and write the internal variables of programs and function block instances by their dotted path
     /// (`MC1.timer.ET`): needed by generated POUs that write a state out variable by variable.
     pub allow_internal_access: bool,
+    pub dialect: Dialect,
+}
+
+/// Whose liberties are taken with the standard.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Dialect {
+    #[default]
+    Standard,
+    /// Numbers become narrower ones without a conversion function; a warning says so.
+    Codesys,
 }
 
 /// Checks the project. Errors come together, in the order of the text; warnings go with the typed tree.
@@ -50,6 +63,7 @@ enum Declared {
     Pou(PouId),
     /// Block and declaration in `Project::globals`.
     Global(usize, usize),
+    Interface(InterfaceId),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +87,12 @@ struct Checker<'p> {
     enum_values: BTreeMap<String, Vec<(TypeId, i64)>>,
     fb_types: BTreeMap<PouId, TypeId>,
     pending_inits: Vec<(init::Pending, &'p crate::syntax::ast::Init)>,
+    /// How many constants need each other right now.
+    init_depth: u32,
+    interface_types: Vec<TypeId>,
+    interfaces: Vec<tree::Interface>,
+    /// The syntax of each POU.
+    syntaxes: Vec<&'p crate::syntax::ast::Pou>,
     /// Names that each POU sees first.
     scopes: Vec<BTreeMap<String, VarId>>,
     current: Scope,
@@ -85,6 +105,8 @@ struct Scope {
     names: BTreeMap<String, VarId>,
     /// Number of loops around the current statement.
     loops: u32,
+    /// A wire gets its first value: its type is not known yet.
+    defining: bool,
 }
 
 /// Names are compared without regard to case.
@@ -107,6 +129,10 @@ impl<'p> Checker<'p> {
             enum_values: BTreeMap::new(),
             fb_types: BTreeMap::new(),
             pending_inits: Vec::new(),
+            init_depth: 0,
+            interface_types: Vec::new(),
+            interfaces: Vec::new(),
+            syntaxes: Vec::new(),
             scopes: Vec::new(),
             current: Scope::default(),
         }
@@ -156,6 +182,7 @@ impl<'p> Checker<'p> {
             vars: self.vars,
             pous: self.pous,
             globals,
+            interfaces: self.interfaces,
             warnings: diagnostics,
             syntax: self.project.clone(),
             options: self.options,

@@ -35,6 +35,10 @@ impl Checker<'_> {
             ast::ExprKind::Name(name) => {
                 if let Some(id) = self.find_var(name) {
                     let ty = self.var(id).ty;
+                    if ty == TypeId::INFERRED && !self.current.defining {
+                        self.name(name, None, expr.span);
+                        return None;
+                    }
                     return (ty != TypeId::ERROR).then(|| Place {
                         root: Root::Var(id),
                         steps: Vec::new(),
@@ -42,8 +46,25 @@ impl Checker<'_> {
                         span: expr.span,
                     });
                 }
+                if name.eq_ignore_ascii_case("THIS") {
+                    return self.this(expr.span);
+                }
                 self.unknown_name(name, expr.span);
                 None
+            }
+            ast::ExprKind::Deref(base) => {
+                if let ast::ExprKind::Name(name) = &base.kind
+                    && name.eq_ignore_ascii_case("THIS")
+                    && self.find_var(name).is_none()
+                {
+                    return self.this(expr.span);
+                }
+                let place = self.place(base)?;
+                self.deref(place, expr.span)
+            }
+            ast::ExprKind::Partial(base, size, number) => {
+                let place = self.place(base)?;
+                self.partial(place, *size, *number, expr.span)
             }
             ast::ExprKind::Direct(text) => {
                 let result = parse_location(text, expr.span);
@@ -63,12 +84,32 @@ impl Checker<'_> {
                 })
             }
             ast::ExprKind::Field(base, field) => {
+                if self.is_namespace(base) {
+                    let name = ast::Expr {
+                        kind: ast::ExprKind::Name(field.name.clone()),
+                        span: expr.span,
+                    };
+                    return self.place(&name);
+                }
+                if let ast::ExprKind::Name(name) = &base.kind
+                    && self.find_var(name).is_none()
+                    && matches!(key(name).as_str(), "THIS" | "SUPER")
+                {
+                    return self.own_variable(field, expr.span);
+                }
                 if let ast::ExprKind::Name(name) = &base.kind
                     && self.find_var(name).is_none()
                     && let Some(pou) = self.find_declared_pou(name)
                     && self.pou(pou).kind == PouKind::Program
                 {
                     return self.program_variable(pou, field, expr.span);
+                }
+                if let ast::ExprKind::Deref(inner) = &base.kind
+                    && let ast::ExprKind::Name(name) = &inner.kind
+                    && self.find_var(name).is_none()
+                    && matches!(key(name).as_str(), "THIS" | "SUPER")
+                {
+                    return self.own_variable(field, expr.span);
                 }
                 let place = self.place(base)?;
                 self.field(place, field, expr.span)
@@ -160,7 +201,7 @@ impl Checker<'_> {
             self.report(problem);
             return None;
         };
-        let own = self.current.pou == Some(pou);
+        let own = self.sees_inside(self.var(id).owner);
         match self.var(id).section {
             VarSection::Input | VarSection::Output => {}
             VarSection::Local if self.options.allow_internal_access || own => {}
@@ -222,7 +263,152 @@ impl Checker<'_> {
         Some(place)
     }
 
+    /// `THIS.x`, `THIS^.x`, `SUPER^.x`: a variable of the instance.
+    fn own_variable(&mut self, field: &ast::Ident, span: Span) -> Option<Place> {
+        let Some(pou) = self.current_block() else {
+            self.unknown_name("THIS", span);
+            return None;
+        };
+        let found = self
+            .pou(pou)
+            .vars
+            .iter()
+            .copied()
+            .find(|v| self.var(*v).name.eq_ignore_ascii_case(&field.name));
+        let Some(id) = found else {
+            self.member(pou, field)?;
+            return None;
+        };
+        let ty = self.var(id).ty;
+        (ty != TypeId::ERROR).then(|| Place {
+            root: Root::Var(id),
+            steps: Vec::new(),
+            ty,
+            span,
+        })
+    }
+
+    fn this(&mut self, span: Span) -> Option<Place> {
+        let Some(pou) = self.current_block() else {
+            self.report(Problem::error(
+                "E321",
+                span,
+                "THIS exists in function blocks and their methods only",
+            ));
+            return None;
+        };
+        let ty = self.fb_types.get(&pou).copied()?;
+        Some(Place {
+            root: Root::This,
+            steps: Vec::new(),
+            ty,
+            span,
+        })
+    }
+
+    pub(super) fn deref(&mut self, mut place: Place, span: Span) -> Option<Place> {
+        let Some(to) = self.types.pointee(place.ty) else {
+            let message = format!(
+                "`{}` is {} and no reference",
+                self.project.sources.slice(place.span),
+                self.type_name(place.ty)
+            );
+            self.report(Problem::error("E322", span, message).expected("a variable of REF_TO"));
+            return None;
+        };
+        if to == TypeId::ERROR {
+            return None;
+        }
+        place.steps.push(Step {
+            kind: StepKind::Deref,
+            ty: to,
+        });
+        place.ty = to;
+        place.span = span;
+        Some(place)
+    }
+
+    /// `w.%B1`
+    fn partial(&mut self, mut place: Place, size: char, number: u32, span: Span) -> Option<Place> {
+        let (bits, elem) = match size {
+            'B' => (8, Elem::Byte),
+            'W' => (16, Elem::Word),
+            'D' => (32, Elem::Dword),
+            _ => (64, Elem::Lword),
+        };
+        let whole = self
+            .types
+            .elem(place.ty)
+            .filter(|e| (e.is_bit() || e.is_int()) && e.bits() > bits)
+            .filter(|_| !self.types.is_enum(place.ty));
+        let Some(whole) = whole else {
+            let message = format!("{} has no part %{size}", self.type_name(place.ty));
+            self.report(
+                Problem::error("E310", span, message).expected("a wider bit string or integer"),
+            );
+            return None;
+        };
+        if number.saturating_mul(bits) >= whole.bits() {
+            let message = format!("{whole} has no part %{size}{number}");
+            self.report(
+                Problem::error("E310", span, message)
+                    .expected(format!("a part from 0 to {}", whole.bits() / bits - 1)),
+            );
+            return None;
+        }
+        place.steps.push(Step {
+            kind: StepKind::Part((number * bits) as u8, bits as u8),
+            ty: TypeId::of(elem),
+        });
+        place.ty = TypeId::of(elem);
+        place.span = span;
+        Some(place)
+    }
+
+    /// `s[2]`: a character of a string.
+    fn character(&mut self, mut place: Place, indices: &[ast::Expr], span: Span) -> Option<Place> {
+        let (wide, len) = self.types.text(place.ty)?;
+        let [index] = indices else {
+            self.report(Problem::error("E314", span, "a string has one index"));
+            return None;
+        };
+        let typed = self.expr(index, None);
+        if typed.ty == TypeId::ERROR {
+            return None;
+        }
+        let typed = self.settle(typed);
+        let usable = self
+            .types
+            .elem(typed.ty)
+            .is_some_and(|e| e.is_int() && e.widens_to(Elem::Lint));
+        if !usable || self.types.is_enum(typed.ty) {
+            let message = format!("{} cannot be an index", self.type_name(typed.ty));
+            self.report(Problem::error("E315", index.span, message).expected("an integer"));
+            return None;
+        }
+        if let ExprKind::Const(value) = &typed.kind
+            && let Some(v) = value.as_i128()
+            && !(1..=i128::from(len)).contains(&v)
+        {
+            let message = format!("the index {v} is outside 1..{len}");
+            self.report(Problem::error("E316", index.span, message));
+            return None;
+        }
+        let typed = self.coerce(typed, TypeId::of(Elem::Lint));
+        let ty = TypeId::of(if wide { Elem::Wchar } else { Elem::Char });
+        place.steps.push(Step {
+            kind: StepKind::Char(Box::new(typed)),
+            ty,
+        });
+        place.ty = ty;
+        place.span = span;
+        Some(place)
+    }
+
     fn index(&mut self, mut place: Place, indices: &[ast::Expr], span: Span) -> Option<Place> {
+        if self.types.text(place.ty).is_some() {
+            return self.character(place, indices, span);
+        }
         let TypeKind::Array { dims, elem } = self.types.kind(place.ty).clone() else {
             let message = format!(
                 "`{}` is {} and cannot be indexed",
@@ -298,7 +484,7 @@ impl Checker<'_> {
                 PouKind::FunctionBlock => {
                     "declare an instance of it: `my_instance : ".to_owned() + name + ";`"
                 }
-                PouKind::Function => format!("call it: `{name}(...)`"),
+                PouKind::Function | PouKind::Method => format!("call it: `{name}(...)`"),
                 PouKind::Program => format!("name one of its variables: `{name}.variable`"),
             };
             self.report(problem.hint(hint));
@@ -337,9 +523,24 @@ impl Checker<'_> {
                 }
                 return true;
             }
+            Root::This => {
+                return true;
+            }
             Root::Var(id) => *id,
         };
+        if place
+            .steps
+            .iter()
+            .any(|s| matches!(s.kind, StepKind::Deref))
+        {
+            return true;
+        }
         let var = self.var(root).clone();
+        if var.open_input {
+            let message = format!("`{}` is an input (AT %I*) and cannot be written", var.name);
+            self.report(Problem::error("E317", span, message));
+            return false;
+        }
         if var.constant {
             self.report(Problem::error(
                 "E317",
@@ -366,7 +567,7 @@ impl Checker<'_> {
             return false;
         }
         let mut holder = var.owner.map(|o| (o, root));
-        let own = var.owner == self.current.pou;
+        let own = self.sees_inside(var.owner);
         for step in &place.steps {
             if let StepKind::Member(member) = step.kind {
                 holder = self.var(member).owner.map(|o| (o, member));
@@ -384,7 +585,12 @@ impl Checker<'_> {
                 self.report(Problem::error("E317", span, message));
                 return false;
             }
-            if outside && section == VarSection::Output && !self.options.allow_internal_access {
+            let generated = self.var(member).name.starts_with("__");
+            if outside
+                && section == VarSection::Output
+                && !self.options.allow_internal_access
+                && !generated
+            {
                 let message = format!(
                     "`{}` is an output of {} and cannot be written from outside",
                     self.var(member).name,

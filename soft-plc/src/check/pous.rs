@@ -9,19 +9,8 @@ use crate::syntax::ast::{self, PouKind, VarSection};
 use crate::types::{TypeId, TypeKind};
 
 impl<'p> Checker<'p> {
-    /// The syntax of a POU: those of the project come first, then the library's that are not replaced.
     fn syntax_of(&self, id: PouId) -> &'p ast::Pou {
-        let project = self.project;
-        let name = &self.pou(id).name;
-        if self.pou(id).library {
-            project
-                .library
-                .iter()
-                .find(|p| p.name.name == *name)
-                .unwrap_or(&project.library[0])
-        } else {
-            &project.pous[id.0 as usize]
-        }
+        self.syntaxes[id.0 as usize]
     }
 
     /// Looks at the text of `pou` from now on.
@@ -30,6 +19,7 @@ impl<'p> Checker<'p> {
             pou,
             names: pou.map_or_else(BTreeMap::new, |p| self.scopes[p.0 as usize].clone()),
             loops: 0,
+            defining: false,
         };
     }
 
@@ -39,19 +29,50 @@ impl<'p> Checker<'p> {
 
     pub(super) fn declare_pous(&mut self) {
         self.scopes = vec![BTreeMap::new(); self.pous.len()];
+        self.resolve_classes();
+        let mut done = vec![false; self.pous.len()];
         for index in 0..self.pous.len() {
-            let id = PouId(index as u32);
-            self.enter(Some(id));
-            self.declare_pou(id);
-            self.scopes[index] = std::mem::take(&mut self.current.names);
-            self.leave();
+            self.declare_with_bases(PouId(index as u32), &mut done);
         }
+        self.check_classes();
         self.refuse_endless_instances();
+    }
+
+    /// A derived function block begins with the variables of its base, a method sees those of its function block.
+    fn declare_with_bases(&mut self, id: PouId, done: &mut [bool]) {
+        if std::mem::replace(&mut done[id.0 as usize], true) {
+            return;
+        }
+        let before = self.pou(id).extends.or(self.pou(id).instance_of);
+        let mut names = BTreeMap::new();
+        if let Some(base) = before {
+            self.declare_with_bases(base, done);
+            names.clone_from(&self.scopes[base.0 as usize]);
+        }
+        self.enter(Some(id));
+        if let Some(base) = self.pou(id).extends {
+            self.pous[id.0 as usize].vars = self.pou(base).vars.clone();
+            self.pous[id.0 as usize].tag = self.pou(base).tag;
+            self.current.names = names;
+            self.declare_pou(id);
+        } else {
+            self.declare_pou(id);
+            if before.is_some() {
+                // Names of the method hide those of its function block.
+                for (name, var) in std::mem::take(&mut self.current.names) {
+                    names.insert(name, var);
+                }
+                self.current.names = names;
+            }
+        }
+        self.scopes[id.0 as usize] = std::mem::take(&mut self.current.names);
+        self.leave();
     }
 
     fn declare_pou(&mut self, id: PouId) {
         let syntax = self.syntax_of(id);
-        if syntax.kind == PouKind::Function
+        self.declare_tag(id, syntax);
+        if matches!(syntax.kind, PouKind::Function | PouKind::Method)
             && let Some(spec) = &syntax.result
         {
             let ty = self.resolve_spec(spec, None);
@@ -68,6 +89,7 @@ impl<'p> Checker<'p> {
                 constant: false,
                 retain: false,
                 location: None,
+                open_input: false,
                 init: None,
                 owner: Some(id),
                 span: syntax.name.span,
@@ -91,6 +113,9 @@ impl<'p> Checker<'p> {
                 self.current.names.insert(name, var);
                 self.pous[id.0 as usize].vars.push(var);
                 self.check_instance_section(syntax, block, decl, var);
+                if let Some(edge) = decl.edge {
+                    self.declare_edge(id, var, edge, decl);
+                }
             }
         }
     }
@@ -109,7 +134,12 @@ impl<'p> Checker<'p> {
             self.report(Problem::error("E220", span, message).hint(hint));
         }
         if let Some(at) = &decl.location
-            && !(pou.kind == PouKind::Program && block.section == VarSection::Local)
+            && !(pou.kind == PouKind::Program
+                && matches!(
+                    block.section,
+                    VarSection::Local | VarSection::Input | VarSection::Output
+                ))
+            && !(at.name.ends_with('*') && pou.kind == PouKind::FunctionBlock)
         {
             let message = format!(
                 "a variable in {} of a {} cannot be located",
@@ -138,7 +168,11 @@ impl<'p> Checker<'p> {
         var: VarId,
     ) {
         let kept = block.section == VarSection::InOut
-            || (pou.kind != PouKind::Function && block.section == VarSection::Local);
+            || (!matches!(pou.kind, PouKind::Function | PouKind::Method)
+                && matches!(
+                    block.section,
+                    VarSection::Local | VarSection::Input | VarSection::Output
+                ));
         let ty = self.var(var).ty;
         if !kept && self.holds_instance(ty) {
             let message = format!(
@@ -252,7 +286,8 @@ impl<'p> Checker<'p> {
             let id = PouId(index as u32);
             self.enter(Some(id));
             let syntax = self.syntax_of(id);
-            let body = self.stmts(&syntax.body);
+            let mut body = self.edge_calls(id);
+            body.extend(self.stmts(&syntax.body));
             self.pous[index].body = body;
             self.leave();
         }

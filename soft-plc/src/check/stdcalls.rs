@@ -11,10 +11,13 @@ use crate::types::{Elem, TypeId, TypeKind};
 
 fn operator(name: &str) -> Option<BinOp> {
     Some(match name {
-        "ADD" | "ADD_TIME" => BinOp::Add,
-        "SUB" | "SUB_TIME" => BinOp::Sub,
-        "MUL" | "MUL_TIME" => BinOp::Mul,
-        "DIV" | "DIV_TIME" => BinOp::Div,
+        "ADD" | "ADD_TIME" | "ADD_LTIME" | "ADD_TOD_TIME" | "ADD_LTOD_LTIME" | "ADD_DT_TIME"
+        | "ADD_LDT_LTIME" => BinOp::Add,
+        "SUB" | "SUB_TIME" | "SUB_LTIME" | "SUB_DATE_DATE" | "SUB_LDATE_LDATE" | "SUB_TOD_TIME"
+        | "SUB_LTOD_LTIME" | "SUB_TOD_TOD" | "SUB_LTOD_LTOD" | "SUB_DT_TIME" | "SUB_LDT_LTIME"
+        | "SUB_DT_DT" | "SUB_LDT_LDT" => BinOp::Sub,
+        "MUL" | "MUL_TIME" | "MUL_LTIME" | "MULTIME" => BinOp::Mul,
+        "DIV" | "DIV_TIME" | "DIV_LTIME" | "DIVTIME" => BinOp::Div,
         "MOD" => BinOp::Mod,
         "EXPT" => BinOp::Pow,
         "AND" => BinOp::And,
@@ -61,6 +64,29 @@ impl Checker<'_> {
                 inner
             });
         }
+        match upper.as_str() {
+            "REF" | "ADR" | "SIZEOF" => return Some(self.address_call(&upper, args, span)),
+            "TO_LITTLE_ENDIAN" | "FROM_LITTLE_ENDIAN" => {
+                let list = self.collect_args(&upper, &["IN"], false, args, expected, span);
+                return Some(match list.and_then(|l| l.into_iter().next()) {
+                    Some(inner) => inner,
+                    None => error_expr(span),
+                });
+            }
+            "__NEW" | "__DELETE" => {
+                self.report(
+                    Problem::error(
+                        "E109",
+                        span,
+                        format!("{upper} (memory from a heap) is not supported"),
+                    )
+                    .hint("declare the variable, or an array of as many as are needed"),
+                );
+                return Some(error_expr(span));
+            }
+            _ => {}
+        }
+        // Typed names of overloaded functions: ADD_INT, LEN_STRING and their like are not of the standard.
         if let Some(fun) = StdFun::from_name(&upper) {
             return Some(self.function(fun, &upper, args, expected, span));
         }
@@ -68,7 +94,7 @@ impl Checker<'_> {
     }
 
     /// Arguments in the order of the parameters. `open` allows more than are named: IN3, IN4, ...
-    fn collect_args(
+    pub(super) fn collect_args(
         &mut self,
         name: &str,
         parameters: &[&str],
@@ -110,6 +136,10 @@ impl Checker<'_> {
                 return None;
             };
             let typed = self.expr(value, expected);
+            if position >= 4096 {
+                self.report(Problem::error("E411", span, "too many arguments"));
+                return None;
+            }
             if slots.len() <= position {
                 slots.resize(position + 1, None);
             }
@@ -191,7 +221,8 @@ impl Checker<'_> {
         span: Span,
     ) -> Expr {
         let signature = fun.signature();
-        let open = matches!(signature, Signature::Extensible | Signature::Mux);
+        let open =
+            matches!(signature, Signature::Extensible | Signature::Mux) || fun == StdFun::Concat;
         let pass = match signature {
             Signature::Sel | Signature::Extensible | Signature::Limit | Signature::Mux => expected,
             _ => None,
@@ -200,6 +231,25 @@ impl Checker<'_> {
             return error_expr(span);
         };
         match signature {
+            Signature::Text => self.text_function(fun, name, list, expected, span),
+            Signature::Sel | Signature::Mux | Signature::Extensible | Signature::Limit
+                if list.last().is_some_and(|e| self.types.text(e.ty).is_some()) =>
+            {
+                self.choose_text(fun, name, list, span)
+            }
+            Signature::Swap => {
+                let inner = list.into_iter().next().unwrap_or_else(|| error_expr(span));
+                let inner = self.settle(inner);
+                if !self
+                    .types
+                    .elem(inner.ty)
+                    .is_some_and(|e| e.bits() >= 8 && !e.is_char() && e != Elem::Ref)
+                {
+                    return self.wrong_argument(name, &inner, "a number or bit string");
+                }
+                let ty = inner.ty;
+                self.standard(fun, vec![inner], ty, span)
+            }
             Signature::Num => {
                 self.uniform(fun, name, list, 0, expected, span, Elem::is_num, "a number")
             }
@@ -309,7 +359,7 @@ impl Checker<'_> {
         }
     }
 
-    fn wrong_argument(&mut self, name: &str, expr: &Expr, expected: &str) -> Expr {
+    pub(super) fn wrong_argument(&mut self, name: &str, expr: &Expr, expected: &str) -> Expr {
         let message = format!("{name} does not apply to {}", self.type_name(expr.ty));
         self.report(Problem::error("E306", expr.span, message).expected(expected));
         error_expr(expr.span)
@@ -473,6 +523,9 @@ impl Checker<'_> {
 
     /// `INT_TO_REAL(x)`, `TO_REAL(x)`, `REAL_TRUNC_INT(x)`, `TRUNC_INT(x)`, and the same with enumerations.
     fn conversion(&mut self, name: &str, args: &[Arg], span: Span) -> Option<Expr> {
+        if let Some(result) = self.text_conversion(name, args, span) {
+            return Some(result);
+        }
         let (from, to, mode) = self.conversion_types(name)?;
         let Some(list) = self.collect_args(name, &["IN"], false, args, from, span) else {
             return Some(error_expr(span));
@@ -500,8 +553,8 @@ impl Checker<'_> {
                 format!("there is no conversion from {source} to {target}"),
             );
             let problem = match (source, target) {
-                (Elem::Time, _) => problem.hint("TIME_TO_LINT(t) gives nanoseconds; divide them by 1000000 for milliseconds"),
-                (_, Elem::Time) => problem.hint("LINT_TO_TIME(n) takes nanoseconds; or multiply: T#1ms * n"),
+                (Elem::Time, _) => problem.hint("TIME_TO_LINT(t) gives nanoseconds, TIME_TO_DINT(t) milliseconds"),
+                (_, Elem::Time) => problem.hint("LINT_TO_TIME(n) takes nanoseconds, DINT_TO_TIME(n) milliseconds; or multiply: T#1ms * n"),
                 (Elem::Lreal | Elem::Real, _) => problem.hint("REAL_TO_DWORD and LREAL_TO_LWORD transfer the bits; convert to an integer first to transfer the number"),
                 (_, Elem::Lreal | Elem::Real) => problem.hint("DWORD_TO_REAL and LWORD_TO_LREAL transfer the bits; convert to an integer first to transfer the number"),
                 _ => problem,
@@ -571,7 +624,7 @@ impl Checker<'_> {
     }
 
     /// An elementary type or an enumeration of this name.
-    fn scalar_type(&mut self, name: &str) -> Option<TypeId> {
+    pub(super) fn scalar_type(&mut self, name: &str) -> Option<TypeId> {
         if let Some(elem) = Elem::from_name(name) {
             return Some(TypeId::of(elem));
         }
@@ -590,8 +643,17 @@ fn convertible(from: Elem, to: Elem) -> bool {
         return true;
     }
     match (from, to) {
-        (Elem::Time, _) => to == Elem::Lint,
-        (_, Elem::Time) => from == Elem::Lint,
+        (Elem::Ref, _) | (_, Elem::Ref) => false,
+        (Elem::Dt, Elem::Date | Elem::Tod) | (Elem::Date, Elem::Dt) => true,
+        // Milliseconds, except LINT, which takes the nanoseconds.
+        (Elem::Time, to) => to.is_num() || (to.is_bit() && to.bits() >= 32),
+        (from, Elem::Time) => from.is_num() || (from.is_bit() && from.bits() >= 32),
+        (Elem::Date | Elem::Tod | Elem::Dt, to) => to == Elem::Lint || to == Elem::Lword,
+        (from, Elem::Date | Elem::Tod | Elem::Dt) => from == Elem::Lint || from == Elem::Lword,
+        (Elem::Char | Elem::Wchar, to) => {
+            to.is_char() || to.is_int() || (to.is_bit() && to != Elem::Bool)
+        }
+        (from, Elem::Char | Elem::Wchar) => from.is_int() || (from.is_bit() && from != Elem::Bool),
         (Elem::Real, _) if to.is_bit() => matches!(to, Elem::Dword | Elem::Lword),
         (Elem::Lreal, _) if to.is_bit() => to == Elem::Lword,
         (_, Elem::Real) if from.is_bit() => matches!(from, Elem::Dword),

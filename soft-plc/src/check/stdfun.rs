@@ -32,6 +32,24 @@ pub enum StdFun {
     IsValid,
     /// MC time.
     McTime,
+    // Strings.
+    Len,
+    Left,
+    Right,
+    Mid,
+    Concat,
+    Insert,
+    Delete,
+    Replace,
+    Find,
+    /// An elementary value as text.
+    ToText,
+    /// The elementary value that a text shows; a trap if it shows none.
+    FromText,
+    /// Comparison of two strings: negative, 0 or positive.
+    Compare,
+    /// Bytes in the opposite order.
+    SwapBytes,
 }
 
 /// What the arguments of a function may be.
@@ -59,10 +77,14 @@ pub enum Signature {
     Validity,
     /// nothing -> TIME
     Time,
+    /// strings and numbers -> string or number
+    Text,
+    /// ANY_NUM or ANY_BIT -> the same
+    Swap,
 }
 
 impl StdFun {
-    const NAMES: [(&'static str, StdFun); 25] = [
+    const NAMES: [(&'static str, StdFun); 36] = [
         ("ABS", StdFun::Abs),
         ("SQRT", StdFun::Sqrt),
         ("LN", StdFun::Ln),
@@ -88,6 +110,17 @@ impl StdFun {
         ("IS_VALID", StdFun::IsValid),
         ("__MC_TIME", StdFun::McTime),
         ("TIME", StdFun::McTime),
+        ("LEN", StdFun::Len),
+        ("LEFT", StdFun::Left),
+        ("RIGHT", StdFun::Right),
+        ("MID", StdFun::Mid),
+        ("CONCAT", StdFun::Concat),
+        ("INSERT", StdFun::Insert),
+        ("DELETE", StdFun::Delete),
+        ("REPLACE", StdFun::Replace),
+        ("FIND", StdFun::Find),
+        ("TO_BIG_ENDIAN", StdFun::SwapBytes),
+        ("FROM_BIG_ENDIAN", StdFun::SwapBytes),
     ];
 
     pub fn from_name(name: &str) -> Option<StdFun> {
@@ -126,13 +159,27 @@ impl StdFun {
             StdFun::Mux => Signature::Mux,
             StdFun::IsValid => Signature::Validity,
             StdFun::McTime => Signature::Time,
+            StdFun::SwapBytes => Signature::Swap,
+            _ => Signature::Text,
         }
     }
 
     /// Names of the parameters in formal calls; `None` where they are numbered (IN1, IN2, ... or IN0, IN1, ...).
     pub fn parameters(self) -> &'static [&'static str] {
         match self.signature() {
-            Signature::Num | Signature::Real | Signature::Trunc | Signature::Validity => &["IN"],
+            Signature::Text => match self {
+                StdFun::Left | StdFun::Right => &["IN", "L"],
+                StdFun::Mid | StdFun::Delete => &["IN", "L", "P"],
+                StdFun::Insert => &["IN1", "IN2", "P"],
+                StdFun::Replace => &["IN1", "IN2", "L", "P"],
+                StdFun::Concat | StdFun::Find | StdFun::Compare => &["IN1", "IN2"],
+                _ => &["IN"],
+            },
+            Signature::Num
+            | Signature::Real
+            | Signature::Trunc
+            | Signature::Validity
+            | Signature::Swap => &["IN"],
             Signature::Real2 => &["Y", "X"],
             Signature::Shift => &["IN", "N"],
             Signature::Sel => &["G", "IN0", "IN1"],
@@ -199,7 +246,14 @@ pub fn evaluate(fun: StdFun, result: Elem, args: &[Value]) -> Result<Value, Faul
         },
         Signature::Trunc => integer(result, libm::trunc(first.as_f64())),
         Signature::Validity => Ok(Value::Bool(first.as_f64().is_finite())),
-        Signature::Time => Err(Fault::Types),
+        Signature::Swap => {
+            let bytes = (result.bits() / 8) as usize;
+            let mut raw = [0u8; 8];
+            first.store(&mut raw[..bytes]);
+            raw[..bytes].reverse();
+            Ok(Value::load(result, &raw[..bytes]))
+        }
+        Signature::Time | Signature::Text => Err(Fault::Types),
     }
 }
 

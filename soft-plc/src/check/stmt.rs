@@ -5,6 +5,7 @@ use crate::check::tree::{Expr, ExprKind, For, Stmt, StmtKind};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{self, CaseLabel};
+use crate::syntax::build::At;
 use crate::types::{Elem, TypeId};
 use crate::value::Value;
 
@@ -15,13 +16,114 @@ impl Checker<'_> {
     pub(super) fn stmts(&mut self, list: &[ast::Stmt]) -> Vec<Stmt> {
         list.iter()
             .filter_map(|stmt| {
-                let kind = self.stmt(stmt)?;
+                let kind = match self.enabled_call(stmt) {
+                    Some(kind) => kind?,
+                    None => self.stmt(stmt)?,
+                };
                 Some(Stmt {
                     kind,
                     span: stmt.span,
                 })
             })
             .collect()
+    }
+
+    /// A call with EN or ENO, alone or as the value of an assignment: it runs only if EN is true, and ENO tells whether it
+    /// did. `None` if the statement has neither; `Some(None)` after a mistake.
+    fn enabled_call(&mut self, stmt: &ast::Stmt) -> Option<Option<StmtKind>> {
+        let call = match &stmt.kind {
+            ast::StmtKind::Call(call) | ast::StmtKind::Assign(_, call) => call,
+            _ => return None,
+        };
+        let ast::ExprKind::Call(callee, args) = &call.kind else {
+            return None;
+        };
+        let named = |arg: &ast::Arg, name: &str| {
+            arg.name
+                .as_ref()
+                .is_some_and(|n| n.name.eq_ignore_ascii_case(name))
+        };
+        let special = |arg: &&ast::Arg| named(arg, "EN") || named(arg, "ENO");
+        if !args.iter().any(|a| special(&a)) || self.declares_enable(callee) {
+            return None;
+        }
+        let rest: Vec<ast::Arg> = args.iter().filter(|a| !special(a)).cloned().collect();
+        let plain = ast::Expr {
+            kind: ast::ExprKind::Call(callee.clone(), rest),
+            span: call.span,
+        };
+        let inner = match &stmt.kind {
+            ast::StmtKind::Assign(target, _) => ast::StmtKind::Assign(target.clone(), plain),
+            _ => ast::StmtKind::Call(plain),
+        };
+        let at = At(stmt.span);
+        let value = |name: &str| {
+            args.iter()
+                .find(|a| named(a, name))
+                .and_then(|a| a.value.clone())
+        };
+        let mut on = vec![at.stmt(inner)];
+        let mut off = Vec::new();
+        if let Some(eno) = value("ENO") {
+            on.push(at.assign(eno.clone(), at.bool(true)));
+            off.push(at.assign(eno, at.bool(false)));
+        }
+        let enable = value("EN").unwrap_or(at.bool(true));
+        let whole = at.stmt(ast::StmtKind::If(vec![(enable, on)], off));
+        Some(self.stmt(&whole))
+    }
+
+    /// Whether the called POU declares EN itself.
+    fn declares_enable(&mut self, callee: &ast::Expr) -> bool {
+        let pou = match &callee.kind {
+            ast::ExprKind::Name(name) if self.find_var(name).is_none() => {
+                self.find_declared_pou(name)
+            }
+            _ => {
+                let before = self.problems.len();
+                let place = self.place(callee);
+                self.problems.truncate(before);
+                match place.map(|p| self.types.kind(p.ty).clone()) {
+                    Some(crate::types::TypeKind::FunctionBlock(pou)) => Some(pou),
+                    _ => None,
+                }
+            }
+        };
+        pou.is_some_and(|pou| {
+            self.pou(pou)
+                .vars
+                .iter()
+                .any(|v| self.var(*v).name.eq_ignore_ascii_case("EN"))
+        })
+    }
+
+    /// `r ?= x`: a reference to an instance of the right kind, else NULL.
+    fn try_assign(&mut self, target: &ast::Expr, value: &ast::Expr) -> Option<StmtKind> {
+        let place = self.place(target)?;
+        let typed = self.expr(value, Some(place.ty));
+        if typed.ty == TypeId::ERROR || !self.writable(&place) {
+            return None;
+        }
+        let accepted = self.accepted_by(place.ty);
+        if !self.types.is_ref(typed.ty) || accepted.is_empty() {
+            let message = format!(
+                "`?=` does not apply to {} and {}",
+                self.type_name(place.ty),
+                self.type_name(typed.ty)
+            );
+            self.report(
+                Problem::error("E323", value.span, message)
+                    .expected("references to function blocks, or interfaces"),
+            );
+            return None;
+        }
+        let span = typed.span;
+        let checked = Expr {
+            kind: ExprKind::AddressIf(Box::new(typed), accepted),
+            ty: place.ty,
+            span,
+        };
+        Some(StmtKind::Assign(place, checked))
     }
 
     fn stmt(&mut self, stmt: &ast::Stmt) -> Option<StmtKind> {
@@ -58,6 +160,8 @@ impl Checker<'_> {
                 .in_loop("CONTINUE", stmt.span)
                 .then_some(StmtKind::Continue),
             ast::StmtKind::Return => Some(StmtKind::Return),
+            ast::StmtKind::Block(body) => Some(StmtKind::Block(self.stmts(body))),
+            ast::StmtKind::TryAssign(target, value) => self.try_assign(target, value),
         }
     }
 
@@ -99,10 +203,18 @@ impl Checker<'_> {
     }
 
     fn assign(&mut self, target: &ast::Expr, value: &ast::Expr) -> Option<StmtKind> {
+        self.current.defining = true;
         let place = self.place(target);
-        let expected = place.as_ref().map(|p| p.ty);
+        self.current.defining = false;
+        let expected = place
+            .as_ref()
+            .map(|p| p.ty)
+            .filter(|t| *t != TypeId::INFERRED);
         let typed = self.expr(value, expected);
-        let place = place?;
+        let mut place = place?;
+        if place.ty == TypeId::INFERRED {
+            place.ty = self.infer(&place, &typed)?;
+        }
         if !self.writable(&place) {
             return None;
         }
@@ -120,6 +232,26 @@ impl Checker<'_> {
         }
         let typed = self.coerce(typed, place.ty);
         (typed.ty != TypeId::ERROR).then_some(StmtKind::Assign(place, typed))
+    }
+
+    /// The wire takes the type of its first value.
+    fn infer(&mut self, place: &crate::check::tree::Place, value: &Expr) -> Option<TypeId> {
+        let crate::check::tree::Root::Var(id) = place.root else {
+            return None;
+        };
+        let settled = self.settle(value.clone());
+        let ty = match settled.ty {
+            TypeId::VOID | TypeId::ERROR => return None,
+            ty => ty,
+        };
+        if matches!(
+            self.types.kind(ty),
+            crate::types::TypeKind::FunctionBlock(_)
+        ) {
+            return None;
+        }
+        self.vars[id.0 as usize].ty = ty;
+        Some(ty)
     }
 
     fn case(

@@ -7,8 +7,8 @@ use crate::check::CheckOptions;
 use crate::check::stdfun::StdFun;
 use crate::diag::Diagnostic;
 use crate::source::{Sources, Span};
-use crate::syntax::ast::{BinOp, PouKind, Project, UnOp, VarSection};
-use crate::types::{Elem, TypeId, TypeTable};
+use crate::syntax::ast::{Access, BinOp, PouKind, Project, UnOp, VarSection};
+use crate::types::{Elem, InterfaceId, TypeId, TypeTable};
 use crate::value::Value;
 
 pub use crate::check::visit::{visit_expr, visit_place, visit_places};
@@ -28,6 +28,7 @@ pub struct TypedProject {
     pub pous: Vec<Pou>,
     /// Global variables in the order of their declaration.
     pub globals: Vec<VarId>,
+    pub interfaces: Vec<Interface>,
     pub warnings: Vec<Diagnostic>,
     pub(crate) syntax: Project,
     pub(crate) options: CheckOptions,
@@ -48,6 +49,46 @@ impl TypedProject {
             .iter()
             .position(|p| p.name.eq_ignore_ascii_case(name));
         found.map(|index| PouId(index as u32))
+    }
+
+    /// The method of this name (in upper case) of a function block, its own or that of the nearest base.
+    pub fn find_method(&self, block: PouId, name: &str) -> Option<PouId> {
+        let mut at = Some(block);
+        while let Some(id) = at {
+            let unit = self.pou(id);
+            if let Some((_, method)) = unit.methods.iter().find(|(n, _)| n == name) {
+                return Some(*method);
+            }
+            at = unit.extends;
+        }
+        None
+    }
+
+    /// Whether `from` is `to` or derived from it.
+    pub fn derives(&self, from: PouId, to: PouId) -> bool {
+        let mut at = Some(from);
+        while let Some(id) = at {
+            if id == to {
+                return true;
+            }
+            at = self.pou(id).extends;
+        }
+        false
+    }
+
+    /// The statements of a POU; a derived function block without any has those of its base.
+    pub fn body(&self, pou: PouId) -> &[Stmt] {
+        let unit = self.pou(pou);
+        match unit.extends {
+            Some(base) if unit.body.is_empty() => self.body(base),
+            _ => &unit.body,
+        }
+    }
+
+    /// The name of a method without that of its function block, in upper case.
+    pub fn method_name(&self, method: PouId) -> String {
+        let name = &self.pou(method).name;
+        name.rsplit('.').next().unwrap_or(name).to_ascii_uppercase()
     }
 
     pub fn find_global(&self, name: &str) -> Option<VarId> {
@@ -86,6 +127,7 @@ impl TypedProject {
                 }
             }
             Root::Direct(location) => location.to_string(),
+            Root::This => return None,
         };
         for step in &place.steps {
             match &step.kind {
@@ -111,6 +153,7 @@ impl TypedProject {
                     path.push_str(&format!("[{}]", texts.join(",")));
                 }
                 StepKind::Bit(bit) => path.push_str(&format!(".{bit}")),
+                StepKind::Part(..) | StepKind::Deref | StepKind::Char(_) => return None,
             }
         }
         Some(path)
@@ -121,6 +164,8 @@ impl TypedProject {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Location {
     pub output: bool,
+    /// `%M`: neither input nor output; kept from scan to scan as a part of the state. `output` is set too.
+    pub memory: bool,
     pub byte: u32,
     /// For BOOL: the bit in the byte.
     pub bit: Option<u8>,
@@ -130,7 +175,11 @@ pub struct Location {
 
 impl std::fmt::Display for Location {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let area = if self.output { 'Q' } else { 'I' };
+        let area = match (self.memory, self.output) {
+            (true, _) => 'M',
+            (_, true) => 'Q',
+            _ => 'I',
+        };
         match (self.bit, self.size) {
             (Some(bit), _) => write!(f, "%{area}X{}.{bit}", self.byte),
             (None, 'W') => write!(f, "%{area}W{}", self.byte / 2),
@@ -149,6 +198,8 @@ pub struct Var {
     pub constant: bool,
     pub retain: bool,
     pub location: Option<Location>,
+    /// Declared with `AT %I*`: written by nobody in the program.
+    pub open_input: bool,
     pub init: Option<InitValue>,
     /// The POU that declares it; `None` for a global variable.
     pub owner: Option<PouId>,
@@ -165,6 +216,8 @@ pub enum InitValue {
     Struct(Vec<(usize, InitValue)>),
     /// Values of variables of a function block instance.
     Instance(Vec<(VarId, InitValue)>),
+    /// Characters of a string.
+    Text(Arc<[u16]>),
 }
 
 #[derive(Clone, Debug)]
@@ -180,6 +233,26 @@ pub struct Pou {
     pub result: Option<VarId>,
     pub body: Vec<Stmt>,
     pub calls: BTreeSet<PouId>,
+    /// For a method: the function block that it belongs to.
+    pub instance_of: Option<PouId>,
+    /// The function block that it is derived from.
+    pub extends: Option<PouId>,
+    /// Interfaces that it implements, those of its base included.
+    pub implements: Vec<InterfaceId>,
+    /// Its own methods by their name.
+    pub methods: Vec<(String, PouId)>,
+    pub is_abstract: bool,
+    pub is_final: bool,
+    pub access: Access,
+    /// The hidden first variable that tells which function block an instance is of.
+    pub tag: Option<VarId>,
+}
+
+/// INTERFACE: its methods, those of its bases included.
+#[derive(Clone, Debug)]
+pub struct Interface {
+    pub name: String,
+    pub methods: Vec<(String, PouId)>,
 }
 
 #[derive(Clone, Debug)]
@@ -206,6 +279,8 @@ pub enum StmtKind {
     Exit,
     Continue,
     Return,
+    /// Statements that RETURN leaves alone.
+    Block(Vec<Stmt>),
     /// `__REGION_TO_BYTES` (`to_bytes`) and `__BYTES_TO_REGION`: a block copy between a region of memory and an array of bytes.
     CopyRegion {
         region: String,
@@ -244,7 +319,19 @@ pub struct FunctionCall {
     pub pou: PouId,
     /// One for each VAR_INPUT, VAR_OUTPUT and VAR_IN_OUT, in the order of their declaration.
     pub args: Vec<Argument>,
+    /// For a method: whose it is.
+    pub receiver: Option<Receiver>,
     pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum Receiver {
+    /// An instance; the method that runs is that of its declared type.
+    Fixed(Place),
+    /// An instance of this function block or of one derived from it.
+    Derived(Place),
+    /// A variable of an interface.
+    Interface(Place, InterfaceId),
 }
 
 #[derive(Clone, Debug)]
@@ -269,6 +356,8 @@ pub enum Root {
     Var(VarId),
     /// `%IX0.0` without a variable.
     Direct(Location),
+    /// The instance whose body or method runs.
+    This,
 }
 
 #[derive(Clone, Debug)]
@@ -286,6 +375,12 @@ pub enum StepKind {
     Member(VarId),
     Index(Vec<Expr>),
     Bit(u8),
+    /// Bits of a larger value: the lowest one, and how many.
+    Part(u8, u8),
+    /// What a reference leads to.
+    Deref,
+    /// A character of a string, counted from 1.
+    Char(Box<Expr>),
 }
 
 #[derive(Clone, Debug)]
@@ -298,6 +393,12 @@ pub struct Expr {
 #[derive(Clone, Debug)]
 pub enum ExprKind {
     Const(Value),
+    /// Characters of a string.
+    Text(Arc<[u16]>),
+    /// The address of a variable, for a reference.
+    AddressOf(Box<Place>),
+    /// The address of an instance if it is of the function block (or one derived from it) or has the interface, else NULL.
+    AddressIf(Box<Expr>, Vec<PouId>),
     Load(Box<Place>),
     /// The operand has the type of the result.
     Unary(UnOp, Box<Expr>),

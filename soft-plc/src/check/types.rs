@@ -6,26 +6,10 @@ use crate::check::{Checker, Declared, Progress, key};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{self, TypeSpec, TypeSpecKind};
-use crate::types::{Elem, Field, TypeId, TypeKind};
+use crate::types::{Elem, Field, STRING_LEN_DEFAULT, STRING_LEN_MAX, TypeId, TypeKind};
 
 /// Largest number of elements of one array.
 const ARRAY_ELEMENTS_MAX: i128 = 16 * 1024 * 1024;
-
-/// Types of the standard that this compiler does not have.
-const ABSENT: [&str; 12] = [
-    "STRING",
-    "WSTRING",
-    "CHAR",
-    "WCHAR",
-    "DATE",
-    "LDATE",
-    "TIME_OF_DAY",
-    "TOD",
-    "LTOD",
-    "DATE_AND_TIME",
-    "DT",
-    "LDT",
-];
 
 impl<'p> Checker<'p> {
     /// The type number `index` of the project.
@@ -64,10 +48,32 @@ impl<'p> Checker<'p> {
         let new_name = name.map(str::to_owned);
         match &spec.kind {
             TypeSpecKind::Named(ident) => self.resolve_name(ident),
-            TypeSpecKind::Str { .. } => {
-                self.absent_type("STRING", spec.span);
-                TypeId::ERROR
+            TypeSpecKind::Str { wide, len } => {
+                let len = match len {
+                    None => i128::from(STRING_LEN_DEFAULT),
+                    Some(len) => match self.const_int(len) {
+                        Some(len) => len,
+                        None => return TypeId::ERROR,
+                    },
+                };
+                if !(1..=i128::from(STRING_LEN_MAX)).contains(&len) {
+                    let message = format!("a string cannot have {len} characters");
+                    self.report(
+                        Problem::error("E226", spec.span, message)
+                            .expected(format!("a length from 1 to {STRING_LEN_MAX}")),
+                    );
+                    return TypeId::ERROR;
+                }
+                self.types.string(*wide, len as u32)
             }
+            TypeSpecKind::Ref(to) => {
+                let target = self.resolve_spec(to, None);
+                if target == TypeId::ERROR {
+                    return TypeId::ERROR;
+                }
+                self.types.reference(target)
+            }
+            TypeSpecKind::Inferred => TypeId::INFERRED,
             TypeSpecKind::Array { dims, elem } => {
                 let elem = self.resolve_spec(elem, None);
                 let mut bounds = Vec::new();
@@ -233,6 +239,7 @@ impl<'p> Checker<'p> {
             return TypeId::of(elem);
         }
         match self.names.get(&key(&ident.name)).copied() {
+            Some(Declared::Interface(id)) => self.interface_types[id.0 as usize],
             Some(Declared::Type(index)) => self.resolve_declared(index, ident.span),
             Some(Declared::Pou(pou)) => match self.fb_types.get(&pou) {
                 Some(ty) => *ty,
@@ -251,11 +258,6 @@ impl<'p> Checker<'p> {
                 TypeId::ERROR
             }
             None => {
-                let upper = key(&ident.name);
-                if ABSENT.contains(&upper.as_str()) {
-                    self.absent_type(&ident.name, ident.span);
-                    return TypeId::ERROR;
-                }
                 let mut candidates: Vec<String> =
                     Elem::ALL.iter().map(|e| e.name().to_owned()).collect();
                 candidates.extend(self.project.types.iter().map(|t| t.name.name.clone()));
@@ -272,14 +274,6 @@ impl<'p> Checker<'p> {
                 TypeId::ERROR
             }
         }
-    }
-
-    fn absent_type(&mut self, name: &str, span: Span) {
-        self.report(
-            Problem::error("E203", span, format!("the type {name} is not supported")).expected(
-                "BOOL, an integer, REAL, LREAL, TIME, a bit string, or a type made of these",
-            ),
-        );
     }
 
     /// The value of a constant integer expression.

@@ -1,6 +1,8 @@
 //! Walks over the typed tree.
 
-use crate::check::tree::{Argument, Expr, ExprKind, FunctionCall, Place, StepKind, Stmt, StmtKind};
+use crate::check::tree::{
+    Argument, Expr, ExprKind, FunctionCall, Place, Receiver, StepKind, Stmt, StmtKind,
+};
 
 /// A node of the tree; each is shown before what is inside it.
 #[derive(Clone, Copy, Debug)]
@@ -58,6 +60,7 @@ pub fn visit(body: &[Stmt], f: &mut dyn FnMut(Node<'_>)) {
                 visit(body, f);
             }
             StmtKind::CopyRegion { array, .. } => place(array, f),
+            StmtKind::Block(body) => visit(body, f),
             StmtKind::Exit | StmtKind::Continue | StmtKind::Return => {}
         }
     }
@@ -66,8 +69,10 @@ pub fn visit(body: &[Stmt], f: &mut dyn FnMut(Node<'_>)) {
 fn place(at: &Place, f: &mut dyn FnMut(Node<'_>)) {
     f(Node::Place(at));
     for step in &at.steps {
-        if let StepKind::Index(indices) = &step.kind {
-            indices.iter().for_each(|e| expr(e, f));
+        match &step.kind {
+            StepKind::Index(indices) => indices.iter().for_each(|e| expr(e, f)),
+            StepKind::Char(index) => expr(index, f),
+            _ => {}
         }
     }
 }
@@ -75,8 +80,9 @@ fn place(at: &Place, f: &mut dyn FnMut(Node<'_>)) {
 fn expr(at: &Expr, f: &mut dyn FnMut(Node<'_>)) {
     f(Node::Expr(at));
     match &at.kind {
-        ExprKind::Const(_) => {}
-        ExprKind::Load(from) => place(from, f),
+        ExprKind::Const(_) | ExprKind::Text(_) => {}
+        ExprKind::AddressIf(inner, _) => expr(inner, f),
+        ExprKind::Load(from) | ExprKind::AddressOf(from) => place(from, f),
         ExprKind::Unary(_, inner) | ExprKind::Convert(inner) | ExprKind::Check(inner, _) => {
             expr(inner, f);
         }
@@ -91,6 +97,12 @@ fn expr(at: &Expr, f: &mut dyn FnMut(Node<'_>)) {
 
 fn call(at: &FunctionCall, f: &mut dyn FnMut(Node<'_>)) {
     f(Node::Call(at));
+    match &at.receiver {
+        Some(Receiver::Fixed(from) | Receiver::Derived(from) | Receiver::Interface(from, _)) => {
+            place(from, f)
+        }
+        None => {}
+    }
     for arg in &at.args {
         match arg {
             Argument::Input(value) => expr(value, f),

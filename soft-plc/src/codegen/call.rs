@@ -1,10 +1,13 @@
 //! Calls of functions, function block instances and programs.
 
-use wasm_encoder::Instruction as I;
+use wasm_encoder::{Instruction as I, ValType};
 
+use super::SiteKind;
 use super::fun::{Fun, val};
 use super::place::{Addr, Form, Kept};
-use crate::check::tree::{Argument, Expr, FunctionCall, Invocation, Place, PouId, Root, VarId};
+use crate::check::tree::{
+    Argument, Expr, FunctionCall, Invocation, Place, PouId, Receiver, Root, VarId,
+};
 use crate::syntax::ast::VarSection;
 use crate::types::{Elem, TypeId};
 
@@ -28,8 +31,16 @@ impl Fun<'_, '_> {
         let project = self.m.project;
         let parameters: Vec<VarId> = self.parameters(call.pou);
         let mut back = Vec::new();
+        if let Some(receiver) = &call.receiver {
+            self.push_receiver(receiver);
+        }
         for (parameter, argument) in parameters.iter().zip(&call.args) {
             match argument {
+                Argument::Input(expr)
+                    if project.types.text(project.var(*parameter).ty).is_some() =>
+                {
+                    self.text(expr);
+                }
                 Argument::Input(expr) if project.types.is_aggregate(project.var(*parameter).ty) => {
                     self.aggregate(expr);
                 }
@@ -38,7 +49,12 @@ impl Fun<'_, '_> {
                 Argument::Output(_) => {}
             }
         }
-        let number = self.m.numbers[&call.pou];
+        let number = match &call.receiver {
+            Some(receiver) => self
+                .m
+                .method_number(call.pou, receiver, self.pou, call.span),
+            None => self.m.numbers[&call.pou],
+        };
         self.i(I::Call(number));
         // The outputs lie above the result, the last one on top.
         let shape = self.m.shape(call.pou);
@@ -58,6 +74,10 @@ impl Fun<'_, '_> {
                 Some((_, local, elem)) => {
                     self.store_converted(place, elem, false, |f| f.i(I::LocalGet(local)))
                 }
+                None if project.types.text(place.ty).is_some() => {
+                    let at = self.m.scratch_of(*parameter);
+                    self.copy_text(place, |f| f.i(I::I32Const(at as i32)));
+                }
                 None => {
                     let at = self.m.scratch_of(*parameter);
                     let size = self.m.size_of(place.ty);
@@ -69,6 +89,24 @@ impl Fun<'_, '_> {
         }
         for (_, local, _) in values {
             self.release(local);
+        }
+    }
+
+    /// Pushes the address of the instance whose method is called.
+    fn push_receiver(&mut self, receiver: &Receiver) {
+        match receiver {
+            Receiver::Fixed(place) | Receiver::Derived(place) => {
+                self.push_full_address(place);
+            }
+            Receiver::Interface(place, _) => {
+                self.load(place);
+                let local = self.temp(ValType::I32);
+                self.i(I::LocalTee(local));
+                self.i(I::I32Eqz);
+                self.trap_if(SiteKind::NullReference, place.span, None);
+                self.i(I::LocalGet(local));
+                self.release(local);
+            }
         }
     }
 
@@ -109,12 +147,15 @@ impl Fun<'_, '_> {
         let project = self.m.project;
         if project.types.is_aggregate(place.ty) {
             self.push_full_address(place);
+            if project.types.text(place.ty).is_some() {
+                self.push_capacity(place);
+            }
             return None;
         }
         let elem = self.elem(place.ty);
         let is_bit = matches!(
             place.steps.last().map(|s| &s.kind),
-            Some(crate::check::tree::StepKind::Bit(_))
+            Some(crate::check::tree::StepKind::Bit(_) | crate::check::tree::StepKind::Part(..))
         );
         let target = if is_bit {
             Target::Place(place.clone())
@@ -148,8 +189,10 @@ impl Fun<'_, '_> {
             Some(crate::check::tree::StepKind::Index(_)) => {
                 !self.elem(place.ty).is_packed_in_arrays()
             }
+            Some(crate::check::tree::StepKind::Char(_)) => false,
             Some(_) => true,
             None => match place.root {
+                Root::This => true,
                 Root::Var(id) => project.var(id).location.is_none(),
                 Root::Direct(_) => false,
             },
@@ -222,6 +265,14 @@ impl Fun<'_, '_> {
         for (parameter, place, negated) in &call.outputs {
             let ty = project.var(*parameter).ty;
             let addr = self.member(base.as_ref(), *parameter);
+            if project.types.text(ty).is_some() {
+                self.copy_text(place, |f| {
+                    f.push_member(base.as_ref());
+                    f.i(I::I32Const(addr.offset as i32));
+                    f.i(I::I32Add);
+                });
+                continue;
+            }
             if project.types.is_aggregate(ty) {
                 let size = self.m.size_of(ty);
                 self.push_full_address(place);
@@ -259,7 +310,13 @@ impl Fun<'_, '_> {
         let ty = self.m.project.var(parameter).ty;
         let addr = self.member(base, parameter);
         self.push_member(base);
-        if self.m.project.types.is_aggregate(ty) {
+        if let Some((wide, len)) = self.m.project.types.text(ty) {
+            self.i(I::I32Const(addr.offset as i32));
+            self.i(I::I32Add);
+            self.i(I::I32Const(len as i32));
+            self.text(value);
+            self.i(I::Call(super::helper::assign(wide)));
+        } else if self.m.project.types.is_aggregate(ty) {
             let size = self.m.size_of(ty);
             self.i(I::I32Const(addr.offset as i32));
             self.i(I::I32Add);

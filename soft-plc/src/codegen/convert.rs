@@ -4,6 +4,7 @@ use wasm_encoder::{Ieee32, Ieee64, Instruction as I, ValType};
 
 use super::SiteKind;
 use super::fun::{Fun, val};
+use crate::calendar::DAY_NS;
 use crate::source::Span;
 use crate::types::Elem;
 
@@ -11,6 +12,9 @@ impl Fun<'_, '_> {
     /// Turns the value on the stack from one type into another.
     pub fn convert(&mut self, from: Elem, to: Elem, span: Span) {
         if from == to {
+            return;
+        }
+        if self.convert_time(from, to, span) {
             return;
         }
         match (from.is_real(), to.is_real()) {
@@ -22,6 +26,61 @@ impl Fun<'_, '_> {
             (true, false) => self.real_to(from, to, span),
             (false, true) => self.as_real(from, to),
             (false, false) => self.between_integers(from, to),
+        }
+    }
+
+    /// Dates, and durations as numbers of milliseconds. Answers whether it was one of these.
+    fn convert_time(&mut self, from: Elem, to: Elem, span: Span) -> bool {
+        match (from, to) {
+            (Elem::Dt, Elem::Date | Elem::Tod) => {
+                let local = self.temp(ValType::I64);
+                self.i(I::LocalTee(local));
+                // The remainder of a day, never negative.
+                self.i(I::I64Const(DAY_NS));
+                self.i(I::I64RemS);
+                self.i(I::I64Const(DAY_NS));
+                self.i(I::I64Add);
+                self.i(I::I64Const(DAY_NS));
+                self.i(I::I64RemS);
+                if to == Elem::Date {
+                    let rest = self.temp(ValType::I64);
+                    self.i(I::LocalSet(rest));
+                    self.i(I::LocalGet(local));
+                    self.i(I::LocalGet(rest));
+                    self.i(I::I64Sub);
+                    self.release(rest);
+                }
+                self.release(local);
+                true
+            }
+            (Elem::Time, to) if to != Elem::Lint => {
+                if to.is_real() {
+                    self.i(I::F64ConvertI64S);
+                    self.i(I::F64Const(Ieee64::from(1e6)));
+                    self.i(I::F64Div);
+                    self.convert(Elem::Lreal, to, span);
+                } else {
+                    self.i(I::I64Const(1_000_000));
+                    self.i(I::I64DivS);
+                    self.convert(Elem::Lint, to, span);
+                }
+                true
+            }
+            (from, Elem::Time) if from != Elem::Lint => {
+                if from.is_real() {
+                    self.convert(from, Elem::Lreal, span);
+                    self.i(I::F64Const(Ieee64::from(1e6)));
+                    self.i(I::F64Mul);
+                    self.i(I::F64Nearest);
+                    self.whole_to_integer(Elem::Time, span);
+                } else {
+                    self.convert(from, Elem::Lint, span);
+                    self.i(I::I64Const(1_000_000));
+                    self.i(I::I64Mul);
+                }
+                true
+            }
+            _ => false,
         }
     }
 
@@ -87,7 +146,7 @@ impl Fun<'_, '_> {
         self.trap_if(SiteKind::Conversion(to.name().to_owned()), span, None);
         self.i(I::LocalGet(local));
         self.release(local);
-        let signed = to.is_signed() || to == Elem::Time;
+        let signed = to.is_signed() || to.is_time();
         self.i(match (val(to), signed) {
             (ValType::I64, true) => I::I64TruncF64S,
             (ValType::I64, false) => I::I64TruncF64U,
@@ -111,7 +170,7 @@ impl Fun<'_, '_> {
             }
             return;
         }
-        let signed = from.is_signed() || from == Elem::Time;
+        let signed = from.is_signed() || from.is_time();
         self.i(match (val(from), to == Elem::Lreal, signed) {
             (ValType::I64, true, true) => I::F64ConvertI64S,
             (ValType::I64, true, false) => I::F64ConvertI64U,

@@ -3,8 +3,9 @@
 use wasm_encoder::{BlockType, Ieee32, Ieee64, Instruction as I, ValType};
 
 use super::SiteKind;
-use super::fun::{Fun, val};
-use crate::check::tree::{Expr, ExprKind, Limits, StepKind};
+use super::dispatch::tag_of;
+use super::fun::{Fun, mem, val};
+use crate::check::tree::{Expr, ExprKind, Limits, PouId, StepKind};
 use crate::source::Span;
 use crate::syntax::ast::{BinOp, UnOp};
 use crate::types::Elem;
@@ -30,7 +31,35 @@ impl Fun<'_, '_> {
             }
             ExprKind::Std(fun, args) => self.standard(*fun, args, self.elem(expr.ty), expr.span),
             ExprKind::Call(call) => self.function_call(call),
+            ExprKind::AddressOf(place) => {
+                self.push_full_address(place);
+            }
+            ExprKind::AddressIf(inner, accepted) => self.address_if(inner, accepted),
+            // Strings have their own way (`text`).
+            ExprKind::Text(_) => self.i(I::I32Const(0)),
         }
+    }
+
+    /// Pushes the address of an instance if it is of one of the function blocks, else 0.
+    fn address_if(&mut self, inner: &Expr, accepted: &[PouId]) {
+        let local = self.spill(inner);
+        self.i(I::LocalGet(local));
+        self.open(I::If(BlockType::Result(ValType::I32)));
+        self.i(I::LocalGet(local));
+        self.i(I::I32Const(0));
+        self.i(I::I32Const(0));
+        for pou in accepted {
+            self.i(I::LocalGet(local));
+            self.i(I::I32Load(mem(0, 2)));
+            self.i(I::I32Const(tag_of(*pou)));
+            self.i(I::I32Eq);
+            self.i(I::I32Or);
+        }
+        self.i(I::Select);
+        self.i(I::Else);
+        self.i(I::I32Const(0));
+        self.close();
+        self.release(local);
     }
 
     /// Pushes the address of an array or structure.
@@ -164,7 +193,7 @@ impl Fun<'_, '_> {
                 } else {
                     ("pow", ValType::F64)
                 };
-                let number = self.m.import(name, &[ty, ty], ty);
+                let number = self.m.import(name, &[ty, ty], &[ty]);
                 self.i(I::Call(number));
             }
             _ => {
@@ -186,7 +215,7 @@ impl Fun<'_, '_> {
     fn divide(&mut self, op: BinOp, elem: Elem, known: Option<i128>, span: Span) {
         let ty = val(elem);
         let wide = ty == ValType::I64;
-        let signed = elem.is_signed() || elem == Elem::Time;
+        let signed = elem.is_signed() || elem.is_time();
         let plain = match (op, wide, signed) {
             (BinOp::Div, false, true) => I::I32DivS,
             (BinOp::Div, false, false) => I::I32DivU,
@@ -310,6 +339,7 @@ fn cheap(expr: &Expr, budget: u32) -> bool {
             StepKind::Index(indices) => {
                 indices.iter().all(|i| matches!(i.kind, ExprKind::Const(_)))
             }
+            StepKind::Deref | StepKind::Char(_) => false,
             _ => true,
         }),
         ExprKind::Unary(_, inner) => cheap(inner, budget - 1),
@@ -325,7 +355,7 @@ fn cheap(expr: &Expr, budget: u32) -> bool {
 
 /// The instruction for operators that need no more than one.
 pub fn simple(op: BinOp, elem: Elem) -> I<'static> {
-    let signed = elem.is_signed() || elem == Elem::Time;
+    let signed = elem.is_signed() || elem.is_time();
     match val(elem) {
         ValType::F32 => match op {
             BinOp::Add => I::F32Add,

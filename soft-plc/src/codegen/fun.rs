@@ -7,7 +7,7 @@ use wasm_encoder::{BlockType, Instruction as I, MemArg, ValType};
 use super::hold::Held;
 use super::{SiteKind, State};
 use crate::check::tree::{PouId, VarId};
-use crate::memory::{Filler, is_kept};
+use crate::memory::{Filler, MEMORY_BYTES_MAX, is_kept};
 use crate::source::Span;
 use crate::syntax::ast::{PouKind, VarSection};
 use crate::types::{Elem, TypeId};
@@ -38,6 +38,8 @@ pub enum Slot {
     Scratch(u32),
     /// Local that holds the address (VAR_IN_OUT).
     Pointer(u32),
+    /// Locals that hold the address of a string and how many characters it can have (VAR_IN_OUT).
+    PointerText(u32, u32),
 }
 
 pub struct FunctionCode {
@@ -66,8 +68,20 @@ pub struct Fun<'m, 'p> {
     pub labels: Vec<(u32, u32)>,
     /// Variables in locals while the outermost loop runs.
     pub held: Vec<Held>,
+    /// Depth of the blocks that RETURN leaves, and whether variables were held when they were opened.
+    pub returns: Vec<(u32, bool)>,
     /// Values that FOR variables keep to.
     pub ranges: BTreeMap<VarId, (i128, i128)>,
+}
+
+/// Whether variables live only while the POU runs.
+pub fn is_function(kind: PouKind) -> bool {
+    matches!(kind, PouKind::Function | PouKind::Method)
+}
+
+/// Whether the function's first parameter is the address of an instance.
+pub fn has_instance(kind: PouKind) -> bool {
+    matches!(kind, PouKind::FunctionBlock | PouKind::Method)
 }
 
 /// Parameters and results of a POU's function.
@@ -87,9 +101,10 @@ impl<'p> State<'p> {
             outputs: Vec::new(),
         };
         let unit = project.pou(pou);
-        if unit.kind == PouKind::FunctionBlock {
+        if has_instance(unit.kind) {
             shape.params.push(ValType::I32);
         }
+        let is_function = is_function(unit.kind);
         if let Some(result) = unit.result
             && let Some(elem) = project.types.elem(project.var(result).ty)
         {
@@ -99,11 +114,19 @@ impl<'p> State<'p> {
             let var = project.var(*id);
             let scalar = project.types.elem(var.ty).map(val);
             match var.section {
-                VarSection::InOut => shape.params.push(ValType::I32),
-                VarSection::Input if unit.kind == PouKind::Function && !var.constant => {
-                    shape.params.push(scalar.unwrap_or(ValType::I32));
+                VarSection::InOut => {
+                    shape.params.push(ValType::I32);
+                    if project.types.text(var.ty).is_some() {
+                        shape.params.push(ValType::I32);
+                    }
                 }
-                VarSection::Output if unit.kind == PouKind::Function => {
+                VarSection::Input if is_function && !var.constant => {
+                    shape.params.push(scalar.unwrap_or(ValType::I32));
+                    if project.types.text(var.ty).is_some() {
+                        shape.params.push(ValType::I32);
+                    }
+                }
+                VarSection::Output if is_function => {
                     if let Some(scalar) = scalar {
                         shape.results.push(scalar);
                         shape.outputs.push(*id);
@@ -148,12 +171,14 @@ impl<'m, 'p> Fun<'m, 'p> {
             depth: 0,
             labels: Vec::new(),
             held: Vec::new(),
+            returns: Vec::new(),
             ranges: BTreeMap::new(),
         };
         fun.prologue();
         // RETURN leaves this block.
-        fun.open(I::Block(BlockType::Empty));
-        fun.stmts(&project.pou(pou).body);
+        let body = fun.open(I::Block(BlockType::Empty));
+        fun.returns.push((body, false));
+        fun.stmts(project.body(pou));
         fun.close();
         let results = project
             .pou(pou)
@@ -181,8 +206,8 @@ impl<'m, 'p> Fun<'m, 'p> {
     fn prologue(&mut self) {
         let project = self.m.project;
         let unit = project.pou(self.pou);
-        let is_function = unit.kind == PouKind::Function;
-        let mut param = u32::from(unit.kind == PouKind::FunctionBlock);
+        let is_function = is_function(unit.kind);
+        let mut param = u32::from(has_instance(unit.kind));
         let mut vars: Vec<VarId> = unit.vars.clone();
         vars.extend(unit.result);
         for id in vars {
@@ -192,9 +217,24 @@ impl<'m, 'p> Fun<'m, 'p> {
             }
             let scalar = project.types.elem(var.ty);
             match (var.section, scalar) {
+                (VarSection::InOut, _) if project.types.text(var.ty).is_some() => {
+                    self.slots.insert(id, Slot::PointerText(param, param + 1));
+                    param += 2;
+                }
                 (VarSection::InOut, _) => {
                     self.slots.insert(id, Slot::Pointer(param));
                     param += 1;
+                }
+                (VarSection::Input, None) if project.types.text(var.ty).is_some() => {
+                    let (wide, len) = project.types.text(var.ty).unwrap_or_default();
+                    let at = self.m.scratch_of(id);
+                    self.i(I::I32Const(at as i32));
+                    self.i(I::I32Const(len as i32));
+                    self.i(I::LocalGet(param));
+                    self.i(I::LocalGet(param + 1));
+                    self.i(I::Call(super::helper::assign(wide)));
+                    self.slots.insert(id, Slot::Scratch(at));
+                    param += 2;
                 }
                 (VarSection::Input, Some(_)) => {
                     self.slots.insert(id, Slot::Local(param));
@@ -232,7 +272,13 @@ impl<'m, 'p> Fun<'m, 'p> {
         let project = self.m.project;
         let var = project.var(id);
         let at = self.m.scratch_of(id);
-        let size = self.m.size_of(var.ty);
+        let (size, _) = self.m.plan.sizes.of(project, var.ty);
+        if size > MEMORY_BYTES_MAX {
+            // Reported with the memory of the whole MC.
+            self.m.allocate(size);
+            return;
+        }
+        let size = size as u32;
         let mut bytes = vec![0; size as usize];
         let mut filler = Filler {
             project,
@@ -324,7 +370,7 @@ impl<'m, 'p> Fun<'m, 'p> {
             }
             None => self.i(I::I64Const(0)),
         }
-        self.i(I::Call(0));
+        self.i(I::Call(super::helper::TRAP));
         self.i(I::Unreachable);
         self.close();
     }

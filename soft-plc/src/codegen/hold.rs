@@ -10,7 +10,9 @@ use wasm_encoder::Instruction as I;
 
 use super::State;
 use super::fun::{Fun, Slot, val};
-use crate::check::tree::{Expr, ExprKind, Place, PouId, Root, StepKind, Stmt, StmtKind, VarId};
+use crate::check::tree::{
+    Expr, ExprKind, Place, PouId, Root, StepKind, Stmt, StmtKind, TypedProject, VarId,
+};
 use crate::check::visit::{Node, visit, visit_places, visit_writes};
 use crate::memory::is_kept;
 use crate::syntax::ast::{BinOp, PouKind, VarSection};
@@ -30,6 +32,30 @@ pub struct Held {
     var: VarId,
     local: u32,
     written: bool,
+}
+
+/// All variables whose address is taken somewhere: they are never held.
+pub fn referenced(project: &TypedProject) -> BTreeSet<VarId> {
+    let mut found = BTreeSet::new();
+    for pou in &project.pous {
+        visit(&pou.body, &mut |node| {
+            if let Node::Expr(Expr {
+                kind: ExprKind::AddressOf(place),
+                ..
+            }) = node
+            {
+                if let Root::Var(id) = place.root {
+                    found.insert(id);
+                }
+                for step in &place.steps {
+                    if let StepKind::Member(id) = step.kind {
+                        found.insert(id);
+                    }
+                }
+            }
+        });
+    }
+    found
 }
 
 impl State<'_> {
@@ -92,7 +118,7 @@ fn whole_var(place: &Place) -> Option<VarId> {
             if place
                 .steps
                 .iter()
-                .all(|s| matches!(s.kind, StepKind::Bit(_))) =>
+                .all(|s| matches!(s.kind, StepKind::Bit(_) | StepKind::Part(..))) =>
         {
             Some(id)
         }
@@ -194,7 +220,8 @@ impl Fun<'_, '_> {
             .into_iter()
             .filter(|(id, _)| {
                 let var = project.var(*id);
-                let own = var.owner == Some(self.pou) && unit.kind != PouKind::Function;
+                let own = var.owner == Some(self.pou)
+                    && !matches!(unit.kind, PouKind::Function | PouKind::Method);
                 let fixed = match var.owner {
                     None => true,
                     Some(pou) => project.pou(pou).kind == PouKind::Program,
@@ -214,6 +241,7 @@ impl Fun<'_, '_> {
                     && project.types.elem(var.ty).is_some()
                     && !self.slots.contains_key(id)
                     && !passed.contains(id)
+                    && !self.m.referenced.contains(id)
                     && !below.roots.contains(id)
                     && !below.members.contains(id)
             })

@@ -7,28 +7,32 @@
 
 mod call;
 mod convert;
+mod dispatch;
 mod expr;
 mod fun;
+mod helper;
 mod hold;
 mod place;
 mod stdfun;
 mod stmt;
+mod text;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 use wasm_encoder::{
     CodeSection, ConstExpr, DataSection, EntityType, ExportKind, ExportSection, Function,
-    FunctionSection, ImportSection, Instruction, MemArg, MemorySection, MemoryType, Module,
-    TypeSection, ValType,
+    FunctionSection, ImportSection, Instruction, MemorySection, MemoryType, Module, TypeSection,
+    ValType,
 };
 
-use crate::check::tree::{PouId, TypedProject};
+use crate::check::tree::{PouId, TypedProject, VarId};
 use crate::diag::{Diagnostic, Problem, finish_all};
 use crate::layout::{CompileSpec, Layout};
-use crate::memory::{MEMORY_BYTES_MAX, TRAP_DETAIL_AT, TRAP_SITE_AT, round_up};
+use crate::memory::{MEMORY_BYTES_MAX, round_up};
 use crate::plan::Plan;
 use crate::source::Span;
+pub(crate) use dispatch::tag_of;
 use fun::{Fun, FunctionCode};
 
 /// Name of the exported function that runs one scan.
@@ -77,6 +81,9 @@ pub enum SiteKind {
     Selector(i64),
     /// The integer type that the real number does not fit.
     Conversion(String),
+    /// The type that the text shows no value of.
+    Text(String),
+    NullReference,
 }
 
 /// Lines of the code: for traps that have no site, such as an endless loop.
@@ -125,7 +132,7 @@ struct State<'p> {
     /// POUs with code, in the order of their functions.
     order: Vec<PouId>,
     numbers: BTreeMap<PouId, u32>,
-    imports: Vec<(&'static str, Vec<ValType>, ValType)>,
+    imports: Vec<(&'static str, Vec<ValType>, Vec<ValType>)>,
     sites: Vec<Site>,
     scratch_at: u32,
     /// Initial images of temporary arrays and structures.
@@ -134,6 +141,11 @@ struct State<'p> {
     /// Scratch memory of temporary arrays and structures, by variable.
     scratch: BTreeMap<crate::check::tree::VarId, u32>,
     touched: BTreeMap<PouId, hold::Touched>,
+    /// Variables that a reference may lead to.
+    referenced: BTreeSet<VarId>,
+    /// String constants, by width and characters.
+    texts: BTreeMap<(bool, Vec<u16>), u32>,
+    dispatchers: Vec<dispatch::Dispatcher>,
 }
 
 impl<'p> State<'p> {
@@ -142,11 +154,11 @@ impl<'p> State<'p> {
             .map(PouId)
             .filter(|p| plan.reachable[p.0 as usize])
             .collect();
-        // Function 0 is `$trap`.
+        // The helpers come first.
         let numbers = order
             .iter()
             .enumerate()
-            .map(|(i, p)| (*p, i as u32 + 1))
+            .map(|(i, p)| (*p, i as u32 + helper::COUNT))
             .collect();
         let scratch_at = plan.scratch_at;
         Self {
@@ -161,7 +173,27 @@ impl<'p> State<'p> {
             problems: Vec::new(),
             scratch: BTreeMap::new(),
             touched: BTreeMap::new(),
+            referenced: hold::referenced(project),
+            texts: BTreeMap::new(),
+            dispatchers: Vec::new(),
         }
+    }
+
+    /// The address of the characters of a string constant.
+    fn text_constant(&mut self, wide: bool, units: &[u16]) -> u32 {
+        let key = (wide, units.to_vec());
+        if let Some(at) = self.texts.get(&key) {
+            return *at;
+        }
+        let bytes: Vec<u8> = if wide {
+            units.iter().flat_map(|u| u.to_le_bytes()).collect()
+        } else {
+            units.iter().map(|u| *u as u8).collect()
+        };
+        let at = self.allocate(bytes.len() as u64);
+        self.data.push((at, bytes));
+        self.texts.insert(key, at);
+        at
     }
 
     /// Scratch memory that nothing else uses.
@@ -172,10 +204,10 @@ impl<'p> State<'p> {
         at
     }
 
-    fn import(&mut self, name: &'static str, params: &[ValType], result: ValType) -> u32 {
+    fn import(&mut self, name: &'static str, params: &[ValType], results: &[ValType]) -> u32 {
         let found = self.imports.iter().position(|(n, _, _)| *n == name);
         let index = found.unwrap_or_else(|| {
-            self.imports.push((name, params.to_vec(), result));
+            self.imports.push((name, params.to_vec(), results.to_vec()));
             self.imports.len() - 1
         });
         IMPORT_BASE + index as u32
@@ -197,17 +229,21 @@ impl<'p> State<'p> {
         let import_count = self.imports.len() as u32;
         let mut types = TypeSection::new();
         let mut imports = ImportSection::new();
-        for (name, params, result) in &self.imports {
+        for (name, params, results) in &self.imports {
             imports.import(MATH_MODULE, name, EntityType::Function(types.len()));
-            types.ty().function(params.iter().copied(), [*result]);
+            types
+                .ty()
+                .function(params.iter().copied(), results.iter().copied());
         }
         let mut function_section = FunctionSection::new();
         let mut code = CodeSection::new();
-        function_section.function(types.len());
-        types.ty().function([ValType::I32, ValType::I64], []);
-        code.function(&trap_function());
+        for helper in helper::all() {
+            function_section.function(types.len());
+            types.ty().function(helper.params, helper.results);
+            code.function(&helper.code);
+        }
         let mut code_map = CodeMap {
-            first_function: import_count + 1,
+            first_function: import_count + helper::COUNT,
             functions: Vec::new(),
         };
         for function in functions {
@@ -219,6 +255,14 @@ impl<'p> State<'p> {
             let (body, map) = self.encode(function, import_count);
             code.function(&body);
             code_map.functions.push(map);
+        }
+        for dispatcher in &self.dispatchers {
+            function_section.function(types.len());
+            types.ty().function(
+                dispatcher.params.iter().copied(),
+                dispatcher.results.iter().copied(),
+            );
+            code.function(&dispatcher.encode(import_count));
         }
         let mut memory = MemorySection::new();
         let pages = needed.div_ceil(PAGE_BYTES).max(1);
@@ -309,28 +353,6 @@ impl<'p> State<'p> {
         }
         (body, map)
     }
-}
-
-fn trap_function() -> Function {
-    let mut f = Function::new([]);
-    let at = |offset: u32, align: u32| MemArg {
-        offset: u64::from(offset),
-        align,
-        memory_index: 0,
-    };
-    for instruction in [
-        Instruction::I32Const(0),
-        Instruction::LocalGet(0),
-        Instruction::I32Store(at(TRAP_SITE_AT, 2)),
-        Instruction::I32Const(0),
-        Instruction::LocalGet(1),
-        Instruction::I64Store(at(TRAP_DETAIL_AT, 3)),
-        Instruction::Unreachable,
-        Instruction::End,
-    ] {
-        f.instruction(&instruction);
-    }
-    f
 }
 
 /// The parts of `bytes` that are not zero; short gaps stay inside a run.

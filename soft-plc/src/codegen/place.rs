@@ -40,17 +40,32 @@ impl Fun<'_, '_> {
         let Root::Var(id) = place.root else {
             return None;
         };
+        if place
+            .steps
+            .iter()
+            .any(|s| matches!(s.kind, StepKind::Deref))
+        {
+            return None;
+        }
         match self.slots.get(&id) {
             Some(Slot::Local(local)) => Some(*local),
             _ => None,
         }
     }
 
-    fn bit_of(place: &Place) -> Option<u8> {
-        match place.steps.last()?.kind {
-            StepKind::Bit(bit) => Some(bit),
-            _ => None,
+    /// The lowest bit and the number of bits that are meant of a larger value.
+    fn bits_of(place: &Place) -> Option<(u8, u8)> {
+        let mut bits = None;
+        for step in place.steps.iter().rev() {
+            match step.kind {
+                StepKind::Bit(bit) => bits = Some((bit, 1)),
+                StepKind::Part(low, count) => {
+                    bits = Some(bits.map_or((low, count), |(bit, n)| (bit + low, n)));
+                }
+                _ => break,
+            }
         }
+        bits
     }
 
     /// Pushes the base of the place and answers offset and form. A bit at the end is left to the caller.
@@ -111,26 +126,48 @@ impl Fun<'_, '_> {
             form: Form::Cell,
         };
         let mut ty = place.ty;
+        let mut address_is_value = false;
         match place.root {
-            Root::Direct(location) => {
-                let image = if location.output {
-                    &self.m.plan.layout.outputs
+            Root::This => {
+                // A program has one instance, at a fixed place: its actions need no address.
+                if project.pou(self.pou).kind == crate::syntax::ast::PouKind::Program {
+                    self.i(I::I32Const(0));
                 } else {
-                    &self.m.plan.layout.inputs
+                    self.i(I::LocalGet(0));
+                }
+                dynamic = true;
+            }
+            Root::Direct(location) => {
+                let start = if location.memory {
+                    self.m.plan.markers_at
+                } else if location.output {
+                    self.m.plan.layout.outputs.offset
+                } else {
+                    self.m.plan.layout.inputs.offset
                 };
-                addr.offset = image.offset + location.byte;
+                addr.offset = start + location.byte;
                 addr.form = location.bit.map_or(Form::Image, Form::ImageBit);
             }
             Root::Var(id) => {
                 let var = project.var(id);
                 ty = var.ty;
                 match self.slots.get(&id).copied() {
-                    Some(Slot::Pointer(local)) => {
+                    Some(Slot::Pointer(local) | Slot::PointerText(local, _)) => {
                         self.i(I::LocalGet(local));
                         dynamic = true;
                     }
                     Some(Slot::Scratch(at)) => addr.offset = at,
-                    Some(Slot::Local(_)) => {}
+                    Some(Slot::Local(local)) => {
+                        // A reference in a local: its value is the address.
+                        if place
+                            .steps
+                            .iter()
+                            .any(|s| matches!(s.kind, StepKind::Deref))
+                        {
+                            self.i(I::LocalGet(local));
+                            address_is_value = true;
+                        }
+                    }
                     None => {
                         addr.offset = self.m.plan.addresses[id.0 as usize];
                         let in_instance = var.owner.is_some_and(|o| {
@@ -188,7 +225,42 @@ impl Fun<'_, '_> {
                         .is_some_and(Elem::is_packed_in_arrays);
                     addr.form = if packed { Form::Packed } else { Form::Cell };
                 }
-                StepKind::Bit(_) => continue,
+                StepKind::Bit(_) | StepKind::Part(..) => continue,
+                StepKind::Deref => {
+                    if !std::mem::take(&mut address_is_value) {
+                        if !dynamic {
+                            self.i(I::I32Const(0));
+                        }
+                        self.i(I::I32Load(mem(addr.offset, 2)));
+                    }
+                    let target = self.temp(ValType::I32);
+                    self.i(I::LocalTee(target));
+                    self.i(I::I32Eqz);
+                    self.trap_if(SiteKind::NullReference, place.span, None);
+                    self.i(I::LocalGet(target));
+                    self.release(target);
+                    dynamic = true;
+                    addr = Addr {
+                        offset: 0,
+                        form: Form::Cell,
+                    };
+                }
+                StepKind::Char(index) => {
+                    let wide = step.ty == crate::types::TypeId::of(Elem::Wchar);
+                    let width: u32 = if wide { 2 } else { 1 };
+                    addr.offset += super::text::TEXT_HEADER;
+                    let len = project.types.text(ty).map_or(1, |t| i64::from(t.1));
+                    if let ExprKind::Const(value) = &index.kind {
+                        addr.offset += (value.as_i128().unwrap_or(1) as u32 - 1) * width;
+                    } else {
+                        self.index(index, (1, len), width);
+                        if dynamic {
+                            self.i(I::I32Add);
+                        }
+                        dynamic = true;
+                    }
+                    addr.form = if wide { Form::Image } else { Form::Packed };
+                }
             }
             ty = step.ty;
         }
@@ -263,7 +335,7 @@ impl Fun<'_, '_> {
 
     /// Reads the value of a scalar place.
     pub fn load(&mut self, place: &Place) {
-        let bit = Self::bit_of(place);
+        let bit = Self::bits_of(place);
         let elem = self.whole_elem(place);
         match self.local_of(place) {
             Some(local) => self.i(I::LocalGet(local)),
@@ -272,8 +344,8 @@ impl Fun<'_, '_> {
                 self.load_from(elem, addr);
             }
         }
-        if let Some(bit) = bit {
-            self.pick_bit(elem, bit);
+        if let Some((low, count)) = bit {
+            self.pick_bits(elem, low, count);
         }
     }
 
@@ -282,6 +354,7 @@ impl Fun<'_, '_> {
         let project = self.m.project;
         let mut ty = match (&place.root, place.steps.last()) {
             (Root::Var(id), _) => project.var(*id).ty,
+            (Root::This, _) => place.ty,
             (Root::Direct(_), None) => return self.elem(place.ty),
             (Root::Direct(location), Some(_)) => {
                 return match location.size {
@@ -293,24 +366,26 @@ impl Fun<'_, '_> {
             }
         };
         for step in &place.steps {
-            if !matches!(step.kind, StepKind::Bit(_)) {
+            if !matches!(step.kind, StepKind::Bit(_) | StepKind::Part(..)) {
                 ty = step.ty;
             }
         }
         self.elem(ty)
     }
 
-    fn pick_bit(&mut self, elem: Elem, bit: u8) {
+    fn pick_bits(&mut self, elem: Elem, low: u8, count: u8) {
         if val(elem) == ValType::I64 {
-            self.i(I::I64Const(i64::from(bit)));
+            self.i(I::I64Const(i64::from(low)));
             self.i(I::I64ShrU);
             self.i(I::I32WrapI64);
         } else {
-            self.i(I::I32Const(i32::from(bit)));
+            self.i(I::I32Const(i32::from(low)));
             self.i(I::I32ShrU);
         }
-        self.i(I::I32Const(1));
-        self.i(I::I32And);
+        if count < 32 {
+            self.i(I::I32Const((1i32 << count) - 1));
+            self.i(I::I32And);
+        }
     }
 
     /// Loads from the base on the stack.
@@ -390,7 +465,7 @@ impl Fun<'_, '_> {
     pub fn store(&mut self, place: &Place, value: impl FnOnce(&mut Self)) {
         let elem = self.whole_elem(place);
         let local = self.local_of(place);
-        let Some(bit) = Self::bit_of(place) else {
+        let Some((low, count)) = Self::bits_of(place) else {
             match local {
                 Some(local) => {
                     value(self);
@@ -406,7 +481,7 @@ impl Fun<'_, '_> {
         };
         match local {
             Some(local) => {
-                self.merge_bit(elem, bit, |f| f.i(I::LocalGet(local)), value);
+                self.merge_bits(elem, (low, count), |f| f.i(I::LocalGet(local)), value);
                 self.i(I::LocalSet(local));
             }
             None => {
@@ -416,44 +491,45 @@ impl Fun<'_, '_> {
                     f.push_kept(&kept);
                     f.load_from(elem, kept.addr);
                 };
-                self.merge_bit(elem, bit, load, value);
+                self.merge_bits(elem, (low, count), load, value);
                 self.store_to(elem, kept.addr);
                 self.release_kept(&kept);
             }
         }
     }
 
-    /// Pushes the old value with one bit replaced.
-    fn merge_bit(
+    /// Pushes the old value with some bits replaced.
+    fn merge_bits(
         &mut self,
         elem: Elem,
-        bit: u8,
+        (low, count): (u8, u8),
         old: impl FnOnce(&mut Self),
         value: impl FnOnce(&mut Self),
     ) {
         let wide = val(elem) == ValType::I64;
-        let flag = self.temp(ValType::I32);
+        let mask = ((1u64 << count) - 1) << low;
+        let part = self.temp(ValType::I32);
         value(self);
-        self.i(I::LocalSet(flag));
+        self.i(I::LocalSet(part));
         old(self);
         if wide {
-            self.i(I::I64Const(!(1i64 << bit)));
+            self.i(I::I64Const(!mask as i64));
             self.i(I::I64And);
-            self.i(I::LocalGet(flag));
+            self.i(I::LocalGet(part));
             self.i(I::I64ExtendI32U);
-            self.i(I::I64Const(i64::from(bit)));
+            self.i(I::I64Const(i64::from(low)));
             self.i(I::I64Shl);
             self.i(I::I64Or);
         } else {
-            self.i(I::I32Const(!(1i32 << bit)));
+            self.i(I::I32Const(!mask as i32));
             self.i(I::I32And);
-            self.i(I::LocalGet(flag));
-            self.i(I::I32Const(i32::from(bit)));
+            self.i(I::LocalGet(part));
+            self.i(I::I32Const(i32::from(low)));
             self.i(I::I32Shl);
             self.i(I::I32Or);
             // Setting the top bit of a SINT or INT makes it negative.
             self.normalise(elem);
         }
-        self.release(flag);
+        self.release(part);
     }
 }

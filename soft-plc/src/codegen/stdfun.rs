@@ -15,6 +15,8 @@ use crate::types::Elem;
 impl Fun<'_, '_> {
     pub fn standard(&mut self, fun: StdFun, args: &[Expr], elem: Elem, span: Span) {
         match fun.signature() {
+            Signature::Text => self.text_number(fun, args, elem, span),
+            Signature::Swap => self.swap_bytes(&args[0], elem),
             Signature::Num => self.absolute(&args[0], elem),
             Signature::Real | Signature::Real2 => self.real_function(fun, args, elem),
             Signature::Shift => self.shift(fun, &args[0], &args[1], elem),
@@ -144,7 +146,7 @@ impl Fun<'_, '_> {
         };
         let ty = val(elem);
         let params = vec![ty; args.len()];
-        let number = self.m.import(name, &params, ty);
+        let number = self.m.import(name, &params, &[ty]);
         self.i(I::Call(number));
     }
 
@@ -195,6 +197,68 @@ impl Fun<'_, '_> {
             self.release(value);
         }
         self.release(selector);
+    }
+
+    fn swap_bytes(&mut self, arg: &Expr, elem: Elem) {
+        self.expr(arg);
+        match val(elem) {
+            ValType::F32 => {
+                self.i(I::I32ReinterpretF32);
+                self.swap_word();
+                self.i(I::F32ReinterpretI32);
+            }
+            ValType::F64 => {
+                self.i(I::I64ReinterpretF64);
+                self.swap_long();
+                self.i(I::F64ReinterpretI64);
+            }
+            ValType::I64 => self.swap_long(),
+            _ if elem.bits() == 32 => self.swap_word(),
+            _ if elem.bits() == 16 => {
+                self.swap_word();
+                self.i(I::I32Const(16));
+                self.i(if elem.is_signed() {
+                    I::I32ShrS
+                } else {
+                    I::I32ShrU
+                });
+            }
+            _ => {}
+        }
+    }
+
+    fn swap_word(&mut self) {
+        let v = self.temp(ValType::I32);
+        self.i(I::LocalTee(v));
+        self.i(I::I32Const(8));
+        self.i(I::I32Rotl);
+        self.i(I::I32Const(0x00ff_00ff));
+        self.i(I::I32And);
+        self.i(I::LocalGet(v));
+        self.i(I::I32Const(8));
+        self.i(I::I32Rotr);
+        self.i(I::I32Const(0xff00_ff00_u32 as i32));
+        self.i(I::I32And);
+        self.i(I::I32Or);
+        self.release(v);
+    }
+
+    fn swap_long(&mut self) {
+        let v = self.temp(ValType::I64);
+        self.i(I::LocalTee(v));
+        self.i(I::I32WrapI64);
+        self.swap_word();
+        self.i(I::I64ExtendI32U);
+        self.i(I::I64Const(32));
+        self.i(I::I64Shl);
+        self.i(I::LocalGet(v));
+        self.i(I::I64Const(32));
+        self.i(I::I64ShrU);
+        self.i(I::I32WrapI64);
+        self.swap_word();
+        self.i(I::I64ExtendI32U);
+        self.i(I::I64Or);
+        self.release(v);
     }
 
     fn shift(&mut self, fun: StdFun, value: &Expr, count: &Expr, elem: Elem) {

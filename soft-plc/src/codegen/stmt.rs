@@ -89,10 +89,28 @@ impl Fun<'_, '_> {
                     self.i(I::Br(self.label(next)));
                 }
             }
-            // The outermost block is the body.
             StmtKind::Return => {
-                self.store_held();
-                self.i(I::Br(self.label(1)));
+                let (target, held) = self.returns.last().copied().unwrap_or((1, false));
+                if !held {
+                    self.store_held();
+                }
+                self.i(I::Br(self.label(target)));
+            }
+            StmtKind::Block(body) => {
+                let block = self.open(I::Block(BlockType::Empty));
+                self.returns.push((block, !self.held.is_empty()));
+                // EXIT and CONTINUE inside belong to loops inside.
+                let labels = std::mem::take(&mut self.labels);
+                let ranges = self.ranges.clone();
+                let outer = !labels.is_empty();
+                if outer {
+                    self.labels.push(labels[labels.len() - 1]);
+                }
+                self.stmts(body);
+                self.labels = labels;
+                self.ranges = ranges;
+                self.returns.pop();
+                self.close();
             }
             StmtKind::CopyRegion {
                 region,
@@ -109,7 +127,9 @@ impl Fun<'_, '_> {
     }
 
     fn assign(&mut self, place: &Place, value: &Expr) {
-        if self.m.project.types.is_aggregate(place.ty) {
+        if self.m.project.types.text(place.ty).is_some() {
+            self.assign_text(place, value);
+        } else if self.m.project.types.is_aggregate(place.ty) {
             let size = self.m.size_of(place.ty);
             self.push_full_address(place);
             self.aggregate(value);

@@ -1,8 +1,10 @@
 //! Reads PLCopen TC6 XML projects (v2.01, and v2.00 as CODESYS writes it) into the same syntax tree as Structured Text.
 //!
 //! POUs, types and global variables are taken from wherever they stand, so that exports that keep them in `addData` (CODESYS)
-//! are read too. Nothing is dropped in silence: a body that is not Structured Text is an error that names POU and language.
+//! are read too. Nothing is dropped in silence: a body or element that cannot be run is an error that names it.
 
+mod chart;
+mod network;
 mod types;
 
 use roxmltree::{Document, Node};
@@ -10,10 +12,11 @@ use roxmltree::{Document, Node};
 use crate::diag::Problem;
 use crate::source::{Sources, Span};
 use crate::syntax::ast::{
-    Configuration, Ident, Pou, PouKind, ProgramInstance, Project, Resource, Task, TypeDecl,
+    Configuration, Ident, Pou, PouKind, ProgramInstance, Project, Resource, Stmt, Task, TypeDecl,
     VarBlock, VarDecl, VarSection,
 };
 use crate::syntax::literal;
+use crate::syntax::parse_il::parse_il;
 use crate::syntax::parser::parse_body;
 
 const TC6_NAMESPACES: [&str; 2] = [
@@ -62,6 +65,8 @@ pub fn read(
         text: &text,
         problems,
         pou: None,
+        serial: 0,
+        functions: std::collections::BTreeSet::new(),
     };
     reader.project(document.root_element(), project);
 }
@@ -72,6 +77,10 @@ struct Reader<'a> {
     text: &'a str,
     problems: &'a mut Vec<Problem>,
     pou: Option<String>,
+    /// Makes names of a diagram's own variables unique.
+    serial: u32,
+    /// Names of the functions that the project declares.
+    functions: std::collections::BTreeSet<String>,
 }
 
 /// A text inside the XML file, as the parser needs it.
@@ -158,6 +167,12 @@ impl Reader<'_> {
             );
             return;
         }
+        self.functions = root
+            .descendants()
+            .filter(|n| n.is_element() && n.tag_name().name() == "pou")
+            .filter(|n| n.attribute("pouType") == Some("function"))
+            .filter_map(|n| n.attribute("name").map(|n| n.trim().to_ascii_uppercase()))
+            .collect();
         for node in root.descendants().filter(Node::is_element) {
             self.pou = None;
             match node.tag_name().name() {
@@ -175,6 +190,7 @@ impl Reader<'_> {
                     project.configurations.push(Configuration {
                         name: resource.name.clone(),
                         resources: vec![resource],
+                        ..Configuration::default()
                     });
                 }
                 _ => {}
@@ -219,16 +235,10 @@ impl Reader<'_> {
             result: None,
             vars: Vec::new(),
             body: Vec::new(),
+            class: crate::syntax::ast::Class::default(),
         };
         if let Some(interface) = element(node, "interface") {
             self.interface(interface, &mut pou);
-        }
-        for part in ["actions", "transitions"] {
-            if let Some(inner) = element(node, part).and_then(|p| p.first_element_child()) {
-                let span = self.tag(inner);
-                let message = format!("{} has {part}, which are not supported", pou.name.name);
-                self.report(Problem::error("E603", span, message));
-            }
         }
         let extra = node
             .descendants()
@@ -251,31 +261,89 @@ impl Reader<'_> {
             self.report(Problem::error("E603", span, message));
         }
         if let Some(body) = bodies.first() {
-            self.body(*body, &mut pou);
+            self.body(*body, node, &mut pou);
         }
         project.pous.push(pou);
     }
 
-    fn body(&mut self, body: Node<'_, '_>, pou: &mut Pou) {
-        let language = body
-            .children()
-            .filter(Node::is_element)
-            .find(|c| !matches!(c.tag_name().name(), "addData" | "documentation"));
-        let Some(language) = language else { return };
-        let name = language.tag_name().name();
-        if name != "ST" {
-            let span = self.tag(language);
-            let message = format!(
-                "the body of {} is written in {name}, and only ST is supported",
-                pou.name.name
-            );
-            self.report(Problem::error("E602", span, message).expected("<ST>"));
+    fn body(&mut self, body: Node<'_, '_>, pou_node: Node<'_, '_>, pou: &mut Pou) {
+        let language = self.language_of(body);
+        if let Some(chart) = language.filter(|l| l.tag_name().name() == "SFC") {
+            self.chart(chart, pou_node, pou);
             return;
         }
-        let part = self.text_part(language);
-        let (statements, problems) = parse_body(part.source, &part.text, part.base, &pou.name.name);
-        self.problems.extend(problems);
-        pou.body = statements;
+        // Actions outside of a chart are called by their name.
+        if let Some(actions) = element(pou_node, "actions") {
+            for action in elements(actions, "action") {
+                let (Some(name), Some(inner)) =
+                    (self.name(action, "name"), element(action, "body"))
+                else {
+                    continue;
+                };
+                let mut method = Pou {
+                    kind: PouKind::Method,
+                    name,
+                    result: None,
+                    vars: Vec::new(),
+                    body: Vec::new(),
+                    class: crate::syntax::ast::Class::default(),
+                };
+                let mut holder = method.clone();
+                method.body = self.statements_of(inner, &mut holder);
+                // Variables of a diagram are kept with the POU.
+                for block in holder.vars {
+                    if block.section == VarSection::Temp {
+                        method.vars.push(block);
+                    } else {
+                        pou.vars.push(block);
+                    }
+                }
+                pou.class.methods.push(method);
+            }
+        }
+        pou.body = self.statements_of(body, pou);
+    }
+
+    /// The element that names the language of a body.
+    fn language_of<'b, 'i>(&self, body: Node<'b, 'i>) -> Option<Node<'b, 'i>> {
+        body.children()
+            .filter(Node::is_element)
+            .find(|c| !matches!(c.tag_name().name(), "addData" | "documentation"))
+    }
+
+    /// The statements of a body in any language but SFC.
+    fn statements_of(&mut self, body: Node<'_, '_>, pou: &mut Pou) -> Vec<Stmt> {
+        let Some(language) = self.language_of(body) else {
+            return Vec::new();
+        };
+        match language.tag_name().name() {
+            "ST" => {
+                let part = self.text_part(language);
+                let (statements, problems) =
+                    parse_body(part.source, &part.text, part.base, &pou.name.name);
+                self.problems.extend(problems);
+                statements
+            }
+            "IL" => {
+                let part = self.text_part(language);
+                let (statements, problems) = parse_il(part.source, &part.text, part.base, pou);
+                self.problems.extend(problems);
+                statements
+            }
+            "FBD" | "LD" => network::Network::new(self, language).body(language, pou),
+            name => {
+                let span = self.tag(language);
+                let message = format!(
+                    "the body of {} is written in {name}, which cannot stand here",
+                    pou.name.name
+                );
+                self.report(
+                    Problem::error("E602", span, message)
+                        .expected("<ST>, <FBD>, <LD>, <IL>, or <SFC> as the body of a POU"),
+                );
+                Vec::new()
+            }
+        }
     }
 
     /// The text below an element: with its exact place in the file where it stands there as it is, else with its line.
@@ -364,7 +432,8 @@ impl Reader<'_> {
                 "tempVars" => VarSection::Temp,
                 "externalVars" => VarSection::External,
                 "globalVars" => VarSection::Global,
-                "documentation" | "addData" => continue,
+                // Paths for communication, which FAM does on its own.
+                "documentation" | "addData" | "accessVars" => continue,
                 other => {
                     let span = self.tag(node);
                     let message = format!("<{other}> is not supported in the interface of a POU");
@@ -413,13 +482,14 @@ impl Reader<'_> {
             location,
             spec,
             init,
+            edge: None,
         })
     }
 
     fn configuration(&mut self, node: Node<'_, '_>, project: &mut Project) {
         let mut configuration = Configuration {
             name: node.attribute("name").unwrap_or_default().to_owned(),
-            resources: Vec::new(),
+            ..Configuration::default()
         };
         for resource in elements(node, "resource") {
             let resource = self.resource(resource);
@@ -500,5 +570,6 @@ fn program_instance(node: Node<'_, '_>, task: Option<String>) -> ProgramInstance
         name,
         program,
         task,
+        connections: Vec::new(),
     }
 }

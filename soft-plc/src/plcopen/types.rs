@@ -28,14 +28,23 @@ impl Reader<'_> {
             "derived" => TypeSpecKind::Named(self.name(node, "name")?),
             "string" | "wstring" => TypeSpecKind::Str {
                 wide: node.tag_name().name() == "wstring",
-                len: None,
+                len: match node.attribute("length") {
+                    Some(text) if !text.trim().is_empty() => {
+                        Some(Box::new(self.expression(node, "length")?))
+                    }
+                    _ => None,
+                },
             },
             "array" => {
                 let mut dims = Vec::new();
                 for dimension in elements(node, "dimension") {
                     dims.push(self.bounds(dimension)?);
                 }
-                let elem = Box::new(self.type_spec(element(node, "baseType")?)?);
+                let Some(base) = element(node, "baseType") else {
+                    self.report(Problem::error("E606", span, "<array> has no <baseType>"));
+                    return None;
+                };
+                let elem = Box::new(self.type_spec(base)?);
                 TypeSpecKind::Array { dims, elem }
             }
             "subrangeSigned" | "subrangeUnsigned" => {
@@ -83,13 +92,7 @@ impl Reader<'_> {
                 }
                 TypeSpecKind::Struct { fields }
             }
-            "pointer" => {
-                self.report(
-                    Problem::error("E109", span, "POINTER is not supported")
-                        .hint("pass the variable as VAR_IN_OUT instead"),
-                );
-                return None;
-            }
+            "pointer" => TypeSpecKind::Ref(Box::new(self.type_spec(element(node, "baseType")?)?)),
             // Elementary types are elements of their own: <INT />.
             name => TypeSpecKind::Named(Ident {
                 name: name.to_owned(),

@@ -6,7 +6,7 @@ use wasmtime::{Config, InstancePre, Linker, OptLevel};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::codegen::CompiledMc;
-use crate::runtime::math;
+use crate::runtime::{math, text};
 
 /// How an endless loop is stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -75,6 +75,7 @@ impl Engine {
         let inner = wasmtime::Engine::new(&config).map_err(RuntimeError::Setup)?;
         let mut linker = Linker::new(&inner);
         math::link(&mut linker).map_err(RuntimeError::Setup)?;
+        text::link(&mut linker).map_err(RuntimeError::Setup)?;
         Ok(Self {
             inner,
             options,

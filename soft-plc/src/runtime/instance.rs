@@ -5,7 +5,7 @@ use std::sync::Arc;
 use wasmtime::{Memory, Store, TypedFunc};
 
 use crate::codegen::{CompiledMc, MEMORY_EXPORT, SCAN_EXPORT};
-use crate::layout::{Layout, Region, VariableInfo};
+use crate::layout::{Layout, Region, TypeNode, VariableInfo};
 use crate::memory::{MC_TIME_AT, TRAP_SITE_AT};
 use crate::runtime::engine::{Engine, Interruption, Module, RuntimeError};
 use crate::runtime::trap::{self, Trap};
@@ -158,6 +158,52 @@ impl Instance {
             Some(bit) => Value::Bool(bytes[0] >> bit & 1 == 1),
             None => Value::load(elem, &bytes[..elem.image_bytes() as usize]),
         })
+    }
+
+    /// The text of a STRING or WSTRING.
+    pub fn read_text(&self, variable: &VariableInfo) -> Option<String> {
+        let TypeNode::Text { wide, len } = &*variable.ty else {
+            return None;
+        };
+        let area = self.bytes(self.mc.layout.area(variable.area));
+        let at = variable.offset as usize;
+        let bytes = &area[at..at + variable.len as usize];
+        let mut header = [0; 4];
+        header.copy_from_slice(&bytes[..4]);
+        let count = u32::from_le_bytes(header).min(*len) as usize;
+        Some(if *wide {
+            let units = bytes[4..4 + count * 2]
+                .chunks_exact(2)
+                .map(|c| u16::from_le_bytes([c[0], c[1]]));
+            char::decode_utf16(units)
+                .map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER))
+                .collect()
+        } else {
+            bytes[4..4 + count].iter().map(|b| char::from(*b)).collect()
+        })
+    }
+
+    /// Writes a STRING or WSTRING, cut to its length. Answers whether the variable is one.
+    pub fn write_text(&mut self, variable: &VariableInfo, text: &str) -> bool {
+        let TypeNode::Text { wide, len } = *variable.ty else {
+            return false;
+        };
+        let region = self.mc.layout.area(variable.area).clone();
+        let area = Self::bytes_mut(self.memory, &mut self.store, &region);
+        let at = variable.offset as usize;
+        let bytes = &mut area[at..at + variable.len as usize];
+        bytes.fill(0);
+        let units: Vec<u16> = text.encode_utf16().take(len as usize).collect();
+        bytes[..4].copy_from_slice(&(units.len() as u32).to_le_bytes());
+        for (index, unit) in units.iter().enumerate() {
+            if wide {
+                let at = 4 + index * 2;
+                bytes[at..at + 2].copy_from_slice(&unit.to_le_bytes());
+            } else {
+                bytes[4 + index] = u8::try_from(*unit).unwrap_or(b'?');
+            }
+        }
+        true
     }
 
     /// Writes a scalar variable. An integer is accepted for every integer or bit string type that it fits.

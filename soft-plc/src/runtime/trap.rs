@@ -14,6 +14,7 @@ pub enum TrapKind {
     Index,
     Range,
     Conversion,
+    NullReference,
     EndlessLoop,
     StackOverflow,
     /// Something that compiled code never does; a fault of the compiler or the host.
@@ -100,6 +101,11 @@ fn describe(kind: &SiteKind, detail: i64) -> (TrapKind, String) {
             TrapKind::Index,
             format!("MUX has {count} inputs and none with number {detail}"),
         ),
+        SiteKind::NullReference => (TrapKind::NullReference, "the reference is NULL".to_owned()),
+        SiteKind::Text(to) => (
+            TrapKind::Conversion,
+            format!("the text shows no value of {to}"),
+        ),
         SiteKind::Conversion(to) => (
             TrapKind::Conversion,
             format!("the real number does not fit {to}"),
@@ -116,8 +122,14 @@ fn locate(
     let trace = error.downcast_ref::<WasmBacktrace>()?;
     let mut frames = Vec::new();
     for frame in trace.frames() {
-        let index = frame.func_index().checked_sub(mc.code_map.first_function)?;
-        let map = mc.code_map.functions.get(index as usize)?;
+        // Helpers and dispatchers have no lines.
+        let Some(map) = frame
+            .func_index()
+            .checked_sub(mc.code_map.first_function)
+            .and_then(|index| mc.code_map.functions.get(index as usize))
+        else {
+            continue;
+        };
         frames.push((map, frame.func_offset()? as u32));
     }
     if kind == TrapKind::EndlessLoop {

@@ -22,6 +22,17 @@ pub struct Project {
     pub configurations: Vec<Configuration>,
     /// POUs of the built-in library (timers, counters, edges); a project's own POU of the same name takes precedence.
     pub library: Vec<Pou>,
+    pub interfaces: Vec<Interface>,
+    /// Names of all namespaces, in upper case. Their contents share one set of names.
+    pub namespaces: Vec<String>,
+}
+
+/// INTERFACE: methods that function blocks promise to have.
+#[derive(Clone, Debug)]
+pub struct Interface {
+    pub name: Ident,
+    pub extends: Vec<Ident>,
+    pub methods: Vec<Pou>,
 }
 
 #[derive(Clone, Debug)]
@@ -60,6 +71,10 @@ pub enum TypeSpecKind {
     Struct {
         fields: Vec<VarDecl>,
     },
+    /// `REF_TO INT`, `POINTER TO INT`
+    Ref(Box<TypeSpec>),
+    /// The type of the first value that is assigned: wires of diagrams.
+    Inferred,
 }
 
 /// An initial value.
@@ -88,6 +103,14 @@ pub struct VarDecl {
     pub location: Option<Ident>,
     pub spec: TypeSpec,
     pub init: Option<Init>,
+    /// `R_EDGE` and `F_EDGE` behind the type of an input.
+    pub edge: Option<Edge>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Edge {
+    Rising,
+    Falling,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -128,6 +151,7 @@ pub enum PouKind {
     Program,
     Function,
     FunctionBlock,
+    Method,
 }
 
 impl fmt::Display for PouKind {
@@ -136,6 +160,7 @@ impl fmt::Display for PouKind {
             PouKind::Program => "PROGRAM",
             PouKind::Function => "FUNCTION",
             PouKind::FunctionBlock => "FUNCTION_BLOCK",
+            PouKind::Method => "METHOD",
         })
     }
 }
@@ -147,6 +172,28 @@ pub struct Pou {
     pub result: Option<TypeSpec>,
     pub vars: Vec<VarBlock>,
     pub body: Vec<Stmt>,
+    pub class: Class,
+}
+
+/// The object-oriented part of a function block or method.
+#[derive(Clone, Debug, Default)]
+pub struct Class {
+    pub extends: Option<Ident>,
+    pub implements: Vec<Ident>,
+    pub is_abstract: bool,
+    pub is_final: bool,
+    pub is_override: bool,
+    pub access: Access,
+    pub methods: Vec<Pou>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Access {
+    #[default]
+    Public,
+    Internal,
+    Protected,
+    Private,
 }
 
 /// CONFIGURATION with its resources: which programs run in which tasks.
@@ -154,6 +201,18 @@ pub struct Pou {
 pub struct Configuration {
     pub name: String,
     pub resources: Vec<Resource>,
+    /// VAR_CONFIG: places of variables that are declared with `AT %I*`.
+    pub configured: Vec<Configured>,
+    /// Names of VAR_ACCESS.
+    pub accesses: Vec<Ident>,
+}
+
+/// `resource.program.variable AT %IX0.0 : BOOL;`
+#[derive(Clone, Debug)]
+pub struct Configured {
+    pub path: Vec<Ident>,
+    pub location: Option<Ident>,
+    pub init: Option<Init>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -176,6 +235,17 @@ pub struct ProgramInstance {
     pub name: String,
     pub program: String,
     pub task: Option<String>,
+    /// What is connected to its inputs and outputs.
+    pub connections: Vec<Connection>,
+}
+
+/// `in := global` or `out => global` of a program instance.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Connection {
+    pub parameter: String,
+    pub output: bool,
+    /// The other side, as text.
+    pub value: String,
 }
 
 #[derive(Clone, Debug)]
@@ -187,6 +257,8 @@ pub struct Stmt {
 #[derive(Clone, Debug)]
 pub enum StmtKind {
     Assign(Expr, Expr),
+    /// `ref ?= instance`: NULL if the instance does not fit.
+    TryAssign(Expr, Expr),
     /// A call of a function block, program or function whose result is not used.
     Call(Expr),
     /// Conditions with their statements, in order, then ELSE.
@@ -198,6 +270,8 @@ pub enum StmtKind {
     Exit,
     Continue,
     Return,
+    /// Statements that RETURN leaves alone: an action of a chart.
+    Block(Vec<Stmt>),
     Empty,
 }
 
@@ -231,6 +305,14 @@ pub enum ExprKind {
     /// Nanoseconds.
     Time(i64),
     Str(String),
+    WStr(String),
+    /// A date, a time of day, or both: type and nanoseconds.
+    Date(Elem, i64),
+    Null,
+    /// `r^`: what a reference leads to.
+    Deref(Box<Expr>),
+    /// `w.%B1`: size (X, B, W, D, L) and number of the part.
+    Partial(Box<Expr>, char, u32),
     /// `INT#5`, `REAL#1.0`: the value is still as written.
     Typed(Elem, Box<Expr>),
     /// `Color#Red`

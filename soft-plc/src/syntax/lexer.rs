@@ -24,6 +24,18 @@ pub enum Tok {
     Real,
     #[regex(r"(?i)(T|TIME|LT|LTIME)#[+-]?[0-9][0-9a-z_.]*", priority = 20)]
     Time,
+    #[regex(r"(?i)(D|DATE|LD|LDATE)#[0-9]+-[0-9]+-[0-9]+", priority = 25)]
+    Date,
+    #[regex(
+        r"(?i)(TOD|TIME_OF_DAY|LTOD|LTIME_OF_DAY)#[0-9]+:[0-9]+(:[0-9]+(\.[0-9_]+)?)?",
+        priority = 25
+    )]
+    TimeOfDay,
+    #[regex(
+        r"(?i)(DT|DATE_AND_TIME|LDT|LDATE_AND_TIME)#[0-9]+-[0-9]+-[0-9]+-[0-9]+:[0-9]+(:[0-9]+(\.[0-9_]+)?)?",
+        priority = 25
+    )]
+    DateTime,
     #[regex(r"'([^'$\n]|\$[^\n])*'")]
     Str,
     #[regex("\"([^\"$\n]|\\$[^\n])*\"")]
@@ -76,6 +88,9 @@ pub enum Tok {
     Gt,
     #[token("=")]
     Eq,
+    /// `?=`: assigns a reference if it fits.
+    #[token("?=")]
+    TryAssign,
     #[token("^")]
     Caret,
     #[token("(*", comment_paren)]
@@ -99,6 +114,9 @@ macro_rules! keywords {
 
             fn find(text: &str) -> Option<Kw> {
                 $(if text.eq_ignore_ascii_case($text) { return Some(Kw::$variant); })*
+                // The short-circuit operators of CODESYS: AND and OR of BOOL are evaluated so anyway.
+                if text.eq_ignore_ascii_case("AND_THEN") { return Some(Kw::And); }
+                if text.eq_ignore_ascii_case("OR_ELSE") { return Some(Kw::Or); }
                 None
             }
         }
@@ -117,6 +135,8 @@ keywords! {
     Repeat "REPEAT", Until "UNTIL", EndRepeat "END_REPEAT", Exit "EXIT", Continue "CONTINUE", Return "RETURN",
     And "AND", Or "OR", Xor "XOR", Not "NOT", Mod "MOD", True "TRUE", False "FALSE",
     Configuration "CONFIGURATION", EndConfiguration "END_CONFIGURATION", Resource "RESOURCE", EndResource "END_RESOURCE",
+    EndStep "END_STEP", EndTransition "END_TRANSITION", EndAction "END_ACTION",
+    EndMethod "END_METHOD", EndInterface "END_INTERFACE", EndNamespace "END_NAMESPACE", EndClass "END_CLASS",
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -232,6 +252,9 @@ impl Tok {
             Tok::TypePrefix => return "a type prefix".into(),
             Tok::Int | Tok::Based | Tok::Real => return "a number".into(),
             Tok::Time => return "a duration".into(),
+            Tok::Date | Tok::DateTime => return "a date".into(),
+            Tok::TimeOfDay => return "a time of day".into(),
+            Tok::TryAssign => "?=",
             Tok::Str | Tok::WStr => return "a string".into(),
             Tok::Direct => return "a direct address".into(),
             Tok::Eof => return "the end of the text".into(),

@@ -1,5 +1,6 @@
 //! Values of literals: integers with base, durations, strings with escapes (IEC 61131-3, clause 6.3).
 
+use crate::calendar::{DAY_NS, SECOND_NS, days_in_month, days_of};
 use crate::diag::{Fallible, Problem};
 use crate::source::Span;
 
@@ -110,6 +111,72 @@ pub fn time(text: &str, span: Span) -> Fallible<i64> {
     }
     let total = if negative { -total } else { total };
     i64::try_from(total).or_else(|_| bad("this duration is too long".into()).fail())
+}
+
+/// `D#2024-02-29`: nanoseconds since 1970-01-01.
+pub fn date(text: &str, span: Span) -> Fallible<i64> {
+    let body = text.split_once('#').map_or(text, |(_, b)| b);
+    day(body, span)
+}
+
+/// `TOD#12:34:56.789`: nanoseconds since midnight.
+pub fn time_of_day(text: &str, span: Span) -> Fallible<i64> {
+    let body = text.split_once('#').map_or(text, |(_, b)| b);
+    clock(body, span)
+}
+
+/// `DT#2024-02-29-12:34:56.789`: nanoseconds since 1970-01-01.
+pub fn date_time(text: &str, span: Span) -> Fallible<i64> {
+    let body = text.split_once('#').map_or(text, |(_, b)| b);
+    let Some((date, time)) = body.rsplit_once('-') else {
+        return bad_date(span).fail();
+    };
+    let total = i128::from(day(date, span)?) + i128::from(clock(time, span)?);
+    i64::try_from(total).or_else(|_| bad_date(span).fail())
+}
+
+fn bad_date(span: Span) -> Problem {
+    Problem::error("E121", span, "there is no such date or time of day")
+        .expected("D#2024-02-29, TOD#12:34:56.789 or DT#2024-02-29-12:34:56, from 1678 to 2261")
+}
+
+fn day(text: &str, span: Span) -> Fallible<i64> {
+    let parts: Vec<i64> = text.split('-').filter_map(|p| p.parse().ok()).collect();
+    let [year, month, day] = parts[..] else {
+        return bad_date(span).fail();
+    };
+    let known = (1678..=2261).contains(&year)
+        && (1..=12).contains(&month)
+        && (1..=days_in_month(year, month)).contains(&day);
+    if !known {
+        return bad_date(span).fail();
+    }
+    Ok(days_of(year, month, day) * DAY_NS)
+}
+
+fn clock(text: &str, span: Span) -> Fallible<i64> {
+    let mut parts = text.split(':');
+    let whole = |text: Option<&str>, limit: i64| {
+        text.and_then(|t| t.parse::<i64>().ok())
+            .filter(|v| *v < limit)
+    };
+    let (Some(hours), Some(minutes)) = (whole(parts.next(), 24), whole(parts.next(), 60)) else {
+        return bad_date(span).fail();
+    };
+    let (seconds, fraction) = match parts.next() {
+        Some(text) => text.split_once('.').unwrap_or((text, "")),
+        None => ("0", ""),
+    };
+    let Some(seconds) = whole(Some(seconds), 60) else {
+        return bad_date(span).fail();
+    };
+    let mut ns = ((hours * 60 + minutes) * 60 + seconds) * SECOND_NS;
+    let mut scale = SECOND_NS;
+    for digit in fraction.chars().filter_map(|c| c.to_digit(10)) {
+        scale /= 10;
+        ns += i64::from(digit) * scale;
+    }
+    Ok(ns)
 }
 
 /// The text between the quotes, with `$` escapes replaced.

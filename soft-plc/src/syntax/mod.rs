@@ -1,9 +1,13 @@
 //! Structured Text as text: lexer, syntax tree with spans, and parser.
 
 pub mod ast;
+pub mod build;
 pub mod lexer;
 pub mod literal;
 mod parse_decl;
 mod parse_expr;
+pub(crate) mod parse_il;
+mod parse_sfc;
 mod parse_stmt;
 pub mod parser;
+pub mod sfc;

@@ -3,21 +3,12 @@
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{
-    Configuration, ExprKind, Ident, Init, Pou, PouKind, ProgramInstance, Project, Resource, Task,
-    TypeDecl, TypeSpec, TypeSpecKind, VarBlock, VarDecl, VarSection,
+    Access, Class, Configuration, Configured, Connection, Edge, ExprKind, Ident, Init, Interface,
+    Pou, PouKind, ProgramInstance, Project, Resource, Task, TypeDecl, TypeSpec, TypeSpecKind,
+    VarBlock, VarDecl, VarSection,
 };
 use crate::syntax::lexer::{Kw, Tok};
 use crate::syntax::parser::{Parsed, Parser, Stop};
-
-/// Constructs of the third edition that are recognised, so that the message can name them.
-const LATER: [&str; 6] = [
-    "METHOD",
-    "CLASS",
-    "INTERFACE",
-    "NAMESPACE",
-    "EXTENDS",
-    "IMPLEMENTS",
-];
 
 fn section(kw: Kw) -> Option<VarSection> {
     Some(match kw {
@@ -28,6 +19,7 @@ fn section(kw: Kw) -> Option<VarSection> {
         Kw::VarGlobal => VarSection::Global,
         Kw::VarExternal => VarSection::External,
         Kw::VarTemp => VarSection::Temp,
+        Kw::VarConfig | Kw::VarAccess => return None,
         _ => return None,
     })
 }
@@ -74,9 +66,18 @@ impl Parser<'_> {
                 Tok::Kw(Kw::Type) => self.type_block(project),
                 Tok::Kw(Kw::VarGlobal) => self.var_block().map(|block| project.globals.push(block)),
                 Tok::Kw(Kw::Configuration) => self.configuration(project),
-                Tok::Ident if self.not_yet().is_some() => Err(self.refuse_later()),
+                Tok::Ident if self.at_word("CLASS") => {
+                    self.pou(PouKind::FunctionBlock, project, library)
+                }
+                Tok::Ident if self.at_word("INTERFACE") => self.interface(project),
+                Tok::Ident if self.at_word("NAMESPACE") => self.namespace(project),
+                Tok::Ident if self.at_word("USING") => self.using(),
+                Tok::Kw(Kw::EndNamespace) => {
+                    self.advance();
+                    continue;
+                }
                 _ => Err(self.unexpected(
-                    "PROGRAM, FUNCTION, FUNCTION_BLOCK, TYPE, VAR_GLOBAL or CONFIGURATION",
+                    "PROGRAM, FUNCTION, FUNCTION_BLOCK, CLASS, INTERFACE, TYPE, VAR_GLOBAL, NAMESPACE or CONFIGURATION",
                 )),
             };
             self.pou = None;
@@ -93,81 +94,224 @@ impl Parser<'_> {
         }
     }
 
-    fn not_yet(&self) -> Option<&'static str> {
-        LATER.into_iter().find(|word| self.at_word(word))
+    /// `NAMESPACE a.b`: its contents are declared like all others; the name may stand before theirs.
+    fn namespace(&mut self, project: &mut Project) -> Parsed<()> {
+        self.advance();
+        if self.at_word("INTERNAL") {
+            self.advance();
+        }
+        loop {
+            let name = self.ident("the name of the namespace")?;
+            project.namespaces.push(name.name.to_ascii_uppercase());
+            if !self.eat(Tok::Dot) {
+                return Ok(());
+            }
+        }
     }
 
-    fn refuse_later(&mut self) -> Stop {
-        let span = self.span();
-        let word = self.not_yet().unwrap_or("this");
-        self.report(
-            Problem::error("E109", span, format!("{word} is not supported"))
-                .hint("use FUNCTION_BLOCK, FUNCTION and PROGRAM"),
-        );
-        Stop
+    fn using(&mut self) -> Parsed<()> {
+        self.advance();
+        loop {
+            self.ident("the name of a namespace")?;
+            if !self.eat(Tok::Dot) && !self.eat(Tok::Comma) {
+                break;
+            }
+        }
+        self.expect_semi("USING")
+    }
+
+    /// `a.b.Name`: the last part; namespaces do not keep names apart.
+    fn qualified(&mut self, wanted: &str) -> Parsed<Ident> {
+        let mut name = self.ident(wanted)?;
+        while self.at(Tok::Dot) && self.peek_at(1) == Tok::Ident {
+            self.advance();
+            name = self.ident(wanted)?;
+        }
+        Ok(name)
+    }
+
+    fn qualified_list(&mut self, wanted: &str) -> Parsed<Vec<Ident>> {
+        let mut list = vec![self.qualified(wanted)?];
+        while self.eat(Tok::Comma) {
+            list.push(self.qualified(wanted)?);
+        }
+        Ok(list)
+    }
+
+    /// Words such as PUBLIC and ABSTRACT before a name.
+    fn modifiers(&mut self, class: &mut Class) {
+        // A method may be called like a modifier: the last word before `:` or the end of the line is the name.
+        while self.at(Tok::Ident) && matches!(self.peek_at(1), Tok::Ident) {
+            let word = self.text_of(self.span()).to_ascii_uppercase();
+            match word.as_str() {
+                "PUBLIC" => class.access = Access::Public,
+                "PRIVATE" => class.access = Access::Private,
+                "PROTECTED" => class.access = Access::Protected,
+                "INTERNAL" => class.access = Access::Internal,
+                "ABSTRACT" => class.is_abstract = true,
+                "FINAL" => class.is_final = true,
+                "OVERRIDE" => class.is_override = true,
+                _ => return,
+            }
+            self.advance();
+        }
+    }
+
+    fn interface(&mut self, project: &mut Project) -> Parsed<()> {
+        self.advance();
+        let name = self.ident("the name of the interface")?;
+        let mut interface = Interface {
+            name,
+            extends: Vec::new(),
+            methods: Vec::new(),
+        };
+        if self.eat_word("EXTENDS") {
+            interface.extends = self.qualified_list("the name of an interface")?;
+        }
+        while !self.eat_kw(Kw::EndInterface) {
+            if self.at(Tok::Semi) {
+                self.advance();
+            } else if self.at_word("METHOD") {
+                let mut method = self.method()?;
+                method.class.is_abstract = true;
+                interface.methods.push(method);
+            } else {
+                return Err(self.unexpected("METHOD or END_INTERFACE"));
+            }
+        }
+        project.interfaces.push(interface);
+        Ok(())
+    }
+
+    fn method(&mut self) -> Parsed<Pou> {
+        let opener = self.advance().span;
+        let mut class = Class::default();
+        self.modifiers(&mut class);
+        let name = self.ident("the name of the method")?;
+        let mut pou = Pou {
+            kind: PouKind::Method,
+            name,
+            result: None,
+            vars: Vec::new(),
+            body: Vec::new(),
+            class,
+        };
+        if self.eat(Tok::Colon) {
+            pou.result = Some(self.type_spec()?);
+        }
+        self.variables(&mut pou)?;
+        self.body(&mut pou);
+        if !self.eat_kw(Kw::EndMethod) {
+            self.unclosed(PouKind::Method, &pou.name, opener, Kw::EndMethod);
+            return Err(Stop);
+        }
+        Ok(pou)
+    }
+
+    /// The blocks of variables of a POU.
+    fn variables(&mut self, pou: &mut Pou) -> Parsed<()> {
+        loop {
+            match self.peek() {
+                Tok::Kw(kw) if section(kw).is_some() => {
+                    if let Ok(block) = self.var_block() {
+                        pou.vars.push(block);
+                    }
+                }
+                // Access paths are for communication, which FAM does on its own: read and checked for form.
+                Tok::Kw(Kw::VarAccess) => {
+                    self.var_access()?;
+                }
+                Tok::Kw(Kw::VarConfig) => {
+                    let span = self.span();
+                    self.report(
+                        Problem::error("E122", span, "VAR_CONFIG stands in a CONFIGURATION only")
+                            .hint("move it behind the resources of the configuration"),
+                    );
+                    return Err(Stop);
+                }
+                Tok::Semi => {
+                    self.advance();
+                }
+                Tok::Ident if self.at_word("USING") => self.using()?,
+                _ => return Ok(()),
+            }
+        }
     }
 
     fn pou(&mut self, kind: PouKind, project: &mut Project, library: bool) -> Parsed<()> {
-        let opener = self.advance().span;
+        let opener = self.advance();
+        let end = match kind {
+            PouKind::Program => Kw::EndProgram,
+            PouKind::Function => Kw::EndFunction,
+            PouKind::FunctionBlock if opener.tok == Tok::Ident => Kw::EndClass,
+            PouKind::FunctionBlock | PouKind::Method => Kw::EndFunctionBlock,
+        };
+        let opener = opener.span;
+        let mut class = Class::default();
+        self.modifiers(&mut class);
         let name = self.ident(&format!("the name of the {kind}"))?;
         self.pou = Some(name.name.clone());
-        if self.not_yet().is_some() {
-            return Err(self.refuse_later());
+        if self.eat_word("EXTENDS") {
+            class.extends = Some(self.qualified("the name of a function block")?);
+        }
+        if self.eat_word("IMPLEMENTS") {
+            class.implements = self.qualified_list("the name of an interface")?;
         }
         let result = if kind == PouKind::Function && self.eat(Tok::Colon) {
             Some(self.type_spec()?)
         } else {
             None
         };
-        let mut vars = Vec::new();
-        loop {
-            match self.peek() {
-                Tok::Kw(kw) if section(kw).is_some() => {
-                    if let Ok(block) = self.var_block() {
-                        vars.push(block);
-                    }
-                }
-                Tok::Kw(kw @ (Kw::VarConfig | Kw::VarAccess)) => {
-                    let span = self.span();
-                    self.report(Problem::error(
-                        "E109",
-                        span,
-                        format!("{} is not supported", kw.text()),
-                    ));
-                    return Err(Stop);
-                }
-                Tok::Semi => {
-                    self.advance();
-                }
-                Tok::Ident if self.not_yet().is_some() && self.peek_at(1) == Tok::Ident => {
-                    return Err(self.refuse_later());
-                }
-                _ => break,
-            }
-        }
-        let body = self.statements();
-        let end = match kind {
-            PouKind::Program => Kw::EndProgram,
-            PouKind::Function => Kw::EndFunction,
-            PouKind::FunctionBlock => Kw::EndFunctionBlock,
-        };
-        let closed = self.eat_kw(end);
-        if !closed {
-            self.unclosed(kind, &name, opener, end);
-        }
-        let pou = Pou {
+        let mut pou = Pou {
             kind,
             name,
             result,
-            vars,
-            body,
+            vars: Vec::new(),
+            body: Vec::new(),
+            class,
         };
+        self.variables(&mut pou)?;
+        self.methods(&mut pou)?;
+        self.body(&mut pou);
+        self.methods(&mut pou)?;
+        let closed = self.eat_kw(end);
+        if !closed {
+            self.unclosed(kind, &pou.name, opener, end);
+        }
         if library {
             project.library.push(pou);
         } else {
             project.pous.push(pou);
         }
         if closed { Ok(()) } else { Err(Stop) }
+    }
+
+    fn methods(&mut self, pou: &mut Pou) -> Parsed<()> {
+        loop {
+            if self.at(Tok::Semi) {
+                self.advance();
+            } else if self.at_word("METHOD") && self.peek_at(1) == Tok::Ident {
+                if pou.kind == PouKind::Function {
+                    return Err(self.unexpected("a statement, or END_FUNCTION"));
+                }
+                let outer = self.pou.clone();
+                let method = self.method()?;
+                self.pou = outer;
+                pou.class.methods.push(method);
+            } else {
+                return Ok(());
+            }
+        }
+    }
+
+    fn body(&mut self, pou: &mut Pou) {
+        if self.at_sfc() {
+            self.sfc_body(pou);
+        } else if self.at_il() {
+            self.il_body(pou);
+        } else {
+            pou.body = self.statements();
+        }
     }
 
     fn unclosed(&mut self, kind: PouKind, name: &Ident, opener: Span, end: Kw) {
@@ -205,7 +349,13 @@ impl Parser<'_> {
                 block.constant = true;
             } else if self.eat_kw(Kw::Retain) {
                 block.retain = true;
-            } else if !self.eat_kw(Kw::NonRetain) {
+            } else if !self.eat_kw(Kw::NonRetain)
+                && !self.eat_word("PERSISTENT")
+                && ([Tok::Colon, Tok::Comma, Tok::Kw(Kw::At)].contains(&self.peek_at(1))
+                    || !["PUBLIC", "PRIVATE", "PROTECTED", "INTERNAL"]
+                        .iter()
+                        .any(|word| self.eat_word(word)))
+            {
                 break;
             }
         }
@@ -262,14 +412,13 @@ impl Parser<'_> {
         }
         self.expect(Tok::Colon, "`:` and the type of the variable")?;
         let spec = self.type_spec()?;
-        if self.at_word("R_EDGE") || self.at_word("F_EDGE") {
-            let span = self.span();
-            self.report(
-                Problem::error("E109", span, "edge qualifiers of inputs are not supported")
-                    .hint("declare an R_TRIG or F_TRIG and call it with the input"),
-            );
-            return Err(Stop);
-        }
+        let edge = if self.eat_word("R_EDGE") {
+            Some(Edge::Rising)
+        } else if self.eat_word("F_EDGE") {
+            Some(Edge::Falling)
+        } else {
+            None
+        };
         let init = if self.eat(Tok::Assign) {
             Some(self.init()?)
         } else {
@@ -282,6 +431,7 @@ impl Parser<'_> {
                 location,
                 spec: spec.clone(),
                 init: init.clone(),
+                edge,
             });
         }
         Ok(())
@@ -397,9 +547,16 @@ impl Parser<'_> {
                 let upper = name.name.to_ascii_uppercase();
                 match upper.as_str() {
                     "STRING" | "WSTRING" => {
-                        let len = if self.eat(Tok::LBracket) {
+                        let closer = match self.peek() {
+                            Tok::LBracket => Some(Tok::RBracket),
+                            // CODESYS writes STRING(80).
+                            Tok::LParen => Some(Tok::RParen),
+                            _ => None,
+                        };
+                        let len = if let Some(closer) = closer {
+                            self.advance();
                             let len = self.expression()?;
-                            self.expect(Tok::RBracket, "`]` after the length")?;
+                            self.expect(closer, "the end of the length")?;
                             Some(Box::new(len))
                         } else {
                             None
@@ -409,12 +566,24 @@ impl Parser<'_> {
                             len,
                         }
                     }
-                    "POINTER" | "REF_TO" | "REFERENCE" => {
-                        let problem =
-                            Problem::error("E109", name.span, format!("{upper} is not supported"))
-                                .hint("pass the variable as VAR_IN_OUT instead");
+                    "REF_TO" => TypeSpecKind::Ref(Box::new(self.type_spec()?)),
+                    "POINTER" => {
+                        self.expect(Tok::Kw(Kw::To), "TO and the type that is pointed to")?;
+                        TypeSpecKind::Ref(Box::new(self.type_spec()?))
+                    }
+                    "REFERENCE" => {
+                        let problem = Problem::error(
+                            "E109",
+                            name.span,
+                            "REFERENCE TO (a reference that dereferences itself) is not supported",
+                        )
+                        .hint("use REF_TO and `^`, or pass the variable as VAR_IN_OUT");
                         self.report(problem);
                         return Err(Stop);
+                    }
+                    _ if self.at(Tok::Dot) && self.peek_at(1) == Tok::Ident => {
+                        self.advance();
+                        TypeSpecKind::Named(self.qualified("a type")?)
                     }
                     _ if self.at(Tok::LParen) => self.subrange_or_enum(name)?,
                     _ => TypeSpecKind::Named(name),
@@ -521,7 +690,7 @@ impl Parser<'_> {
         let name = self.ident("the name of the configuration")?;
         let mut configuration = Configuration {
             name: name.name,
-            resources: Vec::new(),
+            ..Configuration::default()
         };
         let mut single = Resource::default();
         while !self.eat_kw(Kw::EndConfiguration) {
@@ -531,12 +700,17 @@ impl Parser<'_> {
                     ..Resource::default()
                 };
                 if self.eat_word("ON") {
-                    self.ident("the type of the resource")?;
+                    self.qualified("the type of the resource")?;
                 }
                 while !self.eat_kw(Kw::EndResource) {
                     self.resource_item(&mut resource, project)?;
                 }
                 configuration.resources.push(resource);
+            } else if self.at_kw(Kw::VarConfig) {
+                self.var_config(&mut configuration.configured)?;
+            } else if self.at_kw(Kw::VarAccess) {
+                let names = self.var_access()?;
+                configuration.accesses.extend(names);
             } else {
                 self.resource_item(&mut single, project)?;
             }
@@ -566,12 +740,26 @@ impl Parser<'_> {
                     None
                 };
                 self.expect(Tok::Colon, "`:` and the program")?;
-                let program = self.ident("the name of a program")?.name;
+                let program = self.qualified("the name of a program")?.name;
+                let mut connections = Vec::new();
+                if self.at(Tok::LParen) {
+                    for arg in self.arguments()? {
+                        let (Some(parameter), Some(value)) = (arg.name, arg.value) else {
+                            return Err(self.unexpected("named connections: in := x, out => y"));
+                        };
+                        connections.push(Connection {
+                            parameter: parameter.name,
+                            output: arg.output,
+                            value: self.text_of(value.span).to_owned(),
+                        });
+                    }
+                }
                 self.expect_semi("the program instance")?;
                 resource.instances.push(ProgramInstance {
                     name,
                     program,
                     task,
+                    connections,
                 });
             }
             Tok::Semi => {
@@ -591,6 +779,58 @@ impl Parser<'_> {
         Ok(())
     }
 
+    /// VAR_CONFIG: where variables that were declared `AT %I*` stand, and their initial values.
+    fn var_config(&mut self, list: &mut Vec<Configured>) -> Parsed<()> {
+        self.advance();
+        while !self.eat_kw(Kw::EndVar) {
+            let mut path = vec![self.ident("the path of a variable, or END_VAR")?];
+            while self.eat(Tok::Dot) {
+                path.push(self.ident("the next part of the path")?);
+            }
+            let location = if self.eat_kw(Kw::At) {
+                let span = self.expect(Tok::Direct, "a direct address such as %IX0.0")?;
+                Some(Ident {
+                    name: self.text_of(span).to_owned(),
+                    span,
+                })
+            } else {
+                None
+            };
+            self.expect(Tok::Colon, "`:` and the type of the variable")?;
+            self.type_spec()?;
+            let init = if self.eat(Tok::Assign) {
+                Some(self.init()?)
+            } else {
+                None
+            };
+            self.expect_semi("the configured variable")?;
+            list.push(Configured {
+                path,
+                location,
+                init,
+            });
+        }
+        Ok(())
+    }
+
+    /// VAR_ACCESS: names under which others may reach variables.
+    fn var_access(&mut self) -> Parsed<Vec<Ident>> {
+        self.advance();
+        let mut names = Vec::new();
+        while !self.eat_kw(Kw::EndVar) {
+            names.push(self.ident("the name of an access path, or END_VAR")?);
+            self.expect(Tok::Colon, "`:` and the path of the variable")?;
+            self.postfix()?;
+            self.expect(Tok::Colon, "`:` and the type of the variable")?;
+            self.type_spec()?;
+            if !self.eat_word("READ_WRITE") {
+                self.eat_word("READ_ONLY");
+            }
+            self.expect_semi("the access path")?;
+        }
+        Ok(names)
+    }
+
     fn task(&mut self) -> Parsed<Task> {
         let mut task = Task {
             name: self.ident("the name of the task")?.name,
@@ -606,7 +846,9 @@ impl Parser<'_> {
                 ("PRIORITY", ExprKind::Int(v)) if (0..=65_535).contains(v) => {
                     task.priority = *v as i32;
                 }
-                ("SINGLE", ExprKind::Name(name)) => task.single = Some(name.clone()),
+                ("SINGLE", ExprKind::Name(_) | ExprKind::Field(..) | ExprKind::Direct(_)) => {
+                    task.single = Some(self.text_of(value.span).to_owned());
+                }
                 _ => {
                     self.report(
                         Problem::error(

@@ -107,6 +107,8 @@ impl Parser<'_> {
                         let span = self.advance().span;
                         let bit = self.text_of(span).parse().unwrap_or(u32::MAX);
                         ExprKind::Bit(Box::new(expr), bit)
+                    } else if self.at(Tok::Direct) {
+                        self.partial(expr)?
                     } else {
                         let name = self.ident("the name of a field, or a bit number")?;
                         ExprKind::Field(Box::new(expr), name)
@@ -124,19 +126,18 @@ impl Parser<'_> {
                 Tok::LParen
                     if matches!(
                         expr.kind,
-                        ExprKind::Name(_) | ExprKind::Field(..) | ExprKind::Index(..)
+                        ExprKind::Name(_)
+                            | ExprKind::Field(..)
+                            | ExprKind::Index(..)
+                            | ExprKind::Deref(..)
                     ) =>
                 {
                     let args = self.arguments()?;
                     ExprKind::Call(Box::new(expr), args)
                 }
                 Tok::Caret => {
-                    let span = self.span();
-                    self.report(
-                        Problem::error("E109", span, "references (`^`) are not supported")
-                            .hint("pass the variable as VAR_IN_OUT instead"),
-                    );
-                    return Err(Stop);
+                    self.advance();
+                    ExprKind::Deref(Box::new(expr))
                 }
                 _ => return Ok(expr),
             };
@@ -145,7 +146,28 @@ impl Parser<'_> {
         }
     }
 
-    fn arguments(&mut self) -> Parsed<Vec<Arg>> {
+    /// `%X3`, `%B1`, `%W0`, `%D1` behind a dot.
+    fn partial(&mut self, of: Expr) -> Parsed<ExprKind> {
+        let span = self.advance().span;
+        let text = self.text_of(span).to_ascii_uppercase();
+        let size = text.chars().nth(1).unwrap_or(' ');
+        let number = text.get(2..).unwrap_or("").parse::<u32>();
+        match (size, number) {
+            ('X', Ok(bit)) => Ok(ExprKind::Bit(Box::new(of), bit)),
+            ('B' | 'W' | 'D' | 'L', Ok(number)) => {
+                Ok(ExprKind::Partial(Box::new(of), size, number))
+            }
+            _ => {
+                self.report(
+                    Problem::error("E103", span, format!("`{text}` is no part of a bit string"))
+                        .expected("%X3, %B1, %W0 or %D0"),
+                );
+                Err(Stop)
+            }
+        }
+    }
+
+    pub fn arguments(&mut self) -> Parsed<Vec<Arg>> {
         self.expect(Tok::LParen, "`(`")?;
         let mut args = Vec::new();
         while !self.at(Tok::RParen) {
@@ -197,7 +219,14 @@ impl Parser<'_> {
             Tok::Based => ExprKind::Int(self.take(literal::based(text, span))?),
             Tok::Real => ExprKind::Real(self.take(literal::real(text, span))?),
             Tok::Time => ExprKind::Time(self.take(literal::time(text, span))?),
-            Tok::Str | Tok::WStr => ExprKind::Str(self.take(literal::string(text, span))?),
+            Tok::Date => ExprKind::Date(Elem::Date, self.take(literal::date(text, span))?),
+            Tok::TimeOfDay => {
+                ExprKind::Date(Elem::Tod, self.take(literal::time_of_day(text, span))?)
+            }
+            Tok::DateTime => ExprKind::Date(Elem::Dt, self.take(literal::date_time(text, span))?),
+            Tok::Str => ExprKind::Str(self.take(literal::string(text, span))?),
+            Tok::WStr => ExprKind::WStr(self.take(literal::string(text, span))?),
+            Tok::Ident if text.eq_ignore_ascii_case("NULL") => ExprKind::Null,
             Tok::Kw(Kw::True) => ExprKind::Bool(true),
             Tok::Kw(Kw::False) => ExprKind::Bool(false),
             Tok::Direct => ExprKind::Direct(text.to_owned()),
@@ -233,6 +262,16 @@ impl Parser<'_> {
             end: start.end - 1,
             ..start
         };
+        if matches!(
+            (prefix.to_ascii_uppercase().as_str(), self.peek()),
+            ("STRING", Tok::Str) | ("WSTRING", Tok::WStr)
+        ) {
+            let inner = self.primary()?;
+            return Ok(Expr {
+                span: start.to(inner.span),
+                ..inner
+            });
+        }
         let Some(elem) = Elem::from_name(prefix) else {
             let value = self.ident("the name of a value of the enumeration")?;
             let span = start.to(value.span);
@@ -253,6 +292,7 @@ impl Parser<'_> {
             ExprKind::Real(v) if negative => *v = -*v,
             ExprKind::Int(_) | ExprKind::Real(_) => {}
             ExprKind::Bool(_) if !signed => {}
+            ExprKind::Str(_) | ExprKind::WStr(_) if !signed && elem.is_char() => {}
             _ => {
                 let problem = Problem::error(
                     "E114",

@@ -31,6 +31,13 @@ fn ends_statements(kw: Kw) -> bool {
             | Kw::Configuration
             | Kw::EndConfiguration
             | Kw::EndResource
+            | Kw::EndStep
+            | Kw::EndTransition
+            | Kw::EndAction
+            | Kw::EndMethod
+            | Kw::EndInterface
+            | Kw::EndNamespace
+            | Kw::EndClass
     )
 }
 
@@ -62,6 +69,9 @@ impl Parser<'_> {
             if in_case && self.at_case_label() {
                 return list;
             }
+            if self.at_word("METHOD") && self.peek_at(1) == Tok::Ident {
+                return list;
+            }
             let before = self.position();
             match self.deeper(Self::statement) {
                 Ok(stmt) => list.push(stmt),
@@ -79,12 +89,22 @@ impl Parser<'_> {
         match self.peek() {
             Tok::Int | Tok::Based | Tok::TypePrefix | Tok::Minus | Tok::Plus => true,
             Tok::Kw(Kw::True | Kw::False) => true,
-            Tok::Ident => matches!(
-                self.peek_at(1),
-                Tok::Colon | Tok::Comma | Tok::DotDot | Tok::Plus | Tok::Minus | Tok::Star
-            ),
+            Tok::Ident => {
+                matches!(
+                    self.peek_at(1),
+                    Tok::Colon | Tok::Comma | Tok::DotDot | Tok::Plus | Tok::Minus | Tok::Star
+                ) || self.at_qualified_label()
+            }
+            Tok::Str | Tok::WStr => true,
             _ => false,
         }
+    }
+
+    /// `Color.Red:` or `Color.Red,`, as CODESYS writes labels.
+    fn at_qualified_label(&self) -> bool {
+        self.peek_at(1) == Tok::Dot
+            && self.peek_at(2) == Tok::Ident
+            && matches!(self.peek_at(3), Tok::Colon | Tok::Comma | Tok::DotDot)
     }
 
     fn statement(&mut self) -> Parsed<Stmt> {
@@ -168,6 +188,11 @@ impl Parser<'_> {
                         .expected("`:=`"),
                 );
                 return Err(Stop);
+            }
+            Tok::TryAssign => {
+                self.advance();
+                let value = self.expression()?;
+                StmtKind::TryAssign(target, value)
             }
             _ if matches!(target.kind, ExprKind::Call(..)) => StmtKind::Call(target),
             _ => {

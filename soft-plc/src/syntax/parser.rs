@@ -48,6 +48,23 @@ pub fn parse_body(source: u32, text: &str, base: usize, pou: &str) -> (Vec<Stmt>
     (body, parser.problems)
 }
 
+/// Reads `text` with `f`, which must come to its end.
+pub fn parse_in<T>(
+    source: u32,
+    text: &str,
+    base: usize,
+    pou: &str,
+    f: impl FnOnce(&mut Parser<'_>) -> T,
+) -> (T, Vec<Problem>) {
+    let mut parser = Parser::new(source, text, base);
+    parser.pou = Some(pou.to_owned());
+    let result = f(&mut parser);
+    if !parser.at(Tok::Eof) {
+        parser.unexpected("the end of the text");
+    }
+    (result, parser.problems)
+}
+
 /// Parses one expression that makes up the whole text.
 pub fn parse_whole_expression(source: u32, text: &str, base: usize) -> Result<Expr, Vec<Problem>> {
     let mut parser = Parser::new(source, text, base);
@@ -101,6 +118,12 @@ impl<'a> Parser<'a> {
 
     pub fn span(&self) -> Span {
         self.tokens[self.pos].span
+    }
+
+    pub fn span_at(&self, ahead: usize) -> Span {
+        self.tokens
+            .get(self.pos + ahead)
+            .map_or(self.span(), |t| t.span)
     }
 
     /// The span of the token before the current one.

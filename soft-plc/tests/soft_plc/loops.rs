@@ -84,6 +84,7 @@ PROGRAM Save VAR k : INT; END_VAR __REGION_TO_BYTES('s', image); END_PROGRAM
 PROGRAM P S(); END_PROGRAM";
     let options = CheckOptions {
         allow_internal_access: true,
+        ..CheckOptions::default()
     };
     let spec = fam_soft_plc::CompileSpec {
         entry: "P".into(),

@@ -1,16 +1,20 @@
 //! Tests of the soft-PLC from text to running program. One binary, so that the engine is linked once.
 
+mod charts;
 mod checkpoint;
 mod common;
 mod diagnostics;
+mod diagrams;
 mod expressions;
 mod hostile;
 mod layout;
 mod loops;
+mod marking_machine;
 mod plcopen;
 mod properties;
 mod random_expressions;
 mod regions;
 mod runtime;
 mod semantics;
+mod third_edition;
 mod traps;

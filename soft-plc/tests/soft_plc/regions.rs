@@ -39,6 +39,7 @@ fn build(body: &str, len: u32) -> Result<CompiledMc, String> {
     );
     let options = CheckOptions {
         allow_internal_access: true,
+        ..CheckOptions::default()
     };
     compile(&typed_with(&text, options), &spec()).map_err(|d| show(&d))
 }

@@ -437,6 +437,7 @@ pub fn input_image(number: u64, driven: bool) -> InputImage {
             fresh: true,
         }],
         records: vec![record],
+        exports: Vec::new(),
     }
 }
 

@@ -227,6 +227,7 @@ impl Gateway {
             sent_at_us: 0,
             inputs: inputs.collect(),
             records: self.lines.iter().map(|l| l.record.clone()).collect(),
+            exports: Vec::new(),
         })
     }
 
@@ -368,7 +369,8 @@ impl<R: McRuntime> Cell<R> {
     }
 }
 
-fn receive<R: McRuntime>(node: &mut Node<R>, bytes: &[u8]) {
+/// A frame of another node.
+pub fn receive<R: McRuntime>(node: &mut Node<R>, bytes: &[u8]) {
     let mc = decode_frame(bytes).unwrap().header.mc;
     let replica = node
         .replicas

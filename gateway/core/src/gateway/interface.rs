@@ -83,9 +83,7 @@ pub enum GatewayError {
         known: String,
     },
     /// An exported variable that this gateway cannot copy.
-    #[error(
-        "{mc}: input `{input}` is an exported variable of {from}, which {why}; exports work between MCs of one gateway"
-    )]
+    #[error("{mc}: input `{input}` is an exported variable of {from}, which {why}")]
     Export {
         /// The importing MC.
         mc: McId,

@@ -5,7 +5,9 @@ use crate::place;
 use crate::stored::RecordWrite;
 use fam_proto::agent::Output;
 use fam_proto::model::InputSource;
-use fam_proto::{Event, EventKind, InputImage, McId, McInputs, Now, RecordState, Severity};
+use fam_proto::{
+    Event, EventKind, InputImage, McExports, McId, McInputs, Now, RecordState, Severity,
+};
 use std::sync::Arc;
 
 /// Rejected frames of one MC are reported at most once in this time, in microseconds.
@@ -64,7 +66,14 @@ impl Gateway {
         gate.fail_safe(state);
         let ledger = gate.ledger().clone();
         let outputs = Arc::clone(gate.outputs());
-        // Safe values first: no disk may delay them.
+        // The record says so first, so that a kill in between does not leave safe values at the field that it knows nothing of. But
+        // no disk may delay them: what has to survive a power failure is synced behind them.
+        let changed = |sync| RecordWrite::Changed {
+            mc: mc.clone(),
+            ledger: ledger.clone(),
+            sync,
+        };
+        self.persist(changed(false), super::Pending::Note { mc: mc.clone() });
         self.out.push_back(Output::Act(GatewayAct::ApplyOutputs {
             mc: mc.clone(),
             outputs,
@@ -73,14 +82,9 @@ impl Gateway {
         let mut event = event.mc(mc).epoch(ledger.epoch).scan(ledger.last_scan);
         event.controller = ledger.owner.as_ref().map(|o| o.controller.clone());
         self.event(now, event);
-        self.persist(
-            RecordWrite::Changed {
-                mc: mc.clone(),
-                ledger,
-                sync,
-            },
-            super::Pending::Note { mc: mc.clone() },
-        );
+        if sync {
+            self.persist(changed(true), super::Pending::Note { mc: mc.clone() });
+        }
     }
 
     fn suspect(&mut self, mc: &McId, now: Now) {
@@ -170,10 +174,8 @@ impl Gateway {
                 let mut bytes = bytes.to_vec();
                 for input in &gate.model().inputs {
                     if let InputSource::Export { mc: from, place } = &input.source
-                        && let Some(value) = self
-                            .gates
-                            .get(from)
-                            .and_then(|from| place::get(from.outputs(), *place))
+                        && let Some(outputs) = self.outputs_of(from, now)
+                        && let Some(value) = place::get(outputs, *place)
                     {
                         place::set(&mut bytes, input.place, value);
                     }
@@ -192,12 +194,30 @@ impl Gateway {
             sent_at_us: now.0,
             inputs,
             records: self.gates.values().map(|gate| gate.summary(now)).collect(),
+            exports: self
+                .exported
+                .iter()
+                .filter_map(|mc| {
+                    Some(McExports {
+                        mc: mc.clone(),
+                        outputs: self.gates.get(mc)?.outputs().to_vec(),
+                    })
+                })
+                .collect(),
         };
         for gate in self.gates.values_mut() {
             gate.image_sent(now);
         }
         self.out
             .push_back(Output::Act(GatewayAct::PublishImage(Arc::new(image))));
+    }
+
+    /// The outputs that stand at the field, here or at another gateway.
+    fn outputs_of(&self, mc: &McId, now: Now) -> Option<&[u8]> {
+        match self.gates.get(mc) {
+            Some(gate) => Some(gate.outputs()),
+            None => Some(self.foreign.get(mc)?.outputs(now)),
+        }
     }
 
     pub(super) fn leave(&mut self, now: Now) {

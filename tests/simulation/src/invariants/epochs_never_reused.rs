@@ -1,5 +1,6 @@
 //! **Epochs are never reused** (point 3): an epoch is ordered for one controller by one life of the manager, is durable before its order
-//! leaves, and is granted once; grants only rise.
+//! leaves, and is granted once; grants only rise. A manager on a copy of the repository may order what another one has ordered: there
+//! the gateway, which grants an epoch once, is what keeps the promise.
 
 use super::{Facts, Invariant, Seen};
 use fam_proto::{BootId, ControllerId, Epoch, McId, OrderId, OrderKind, Owner};
@@ -7,7 +8,7 @@ use std::collections::BTreeMap;
 
 #[derive(Default)]
 pub(super) struct EpochsNeverReused {
-    ordered: BTreeMap<(McId, Epoch), (BootId, OrderId, ControllerId)>,
+    ordered: BTreeMap<(u64, McId, Epoch), (BootId, OrderId, ControllerId)>,
     granted: BTreeMap<(McId, Epoch), Owner>,
 }
 
@@ -20,6 +21,7 @@ impl Invariant for EpochsNeverReused {
         match seen {
             Seen::Ordered {
                 manager,
+                history,
                 order,
                 to,
                 durable,
@@ -36,7 +38,7 @@ impl Invariant for EpochsNeverReused {
                 let this = (*manager, order.id, (*to).clone());
                 let first = self
                     .ordered
-                    .entry((mc.clone(), *epoch))
+                    .entry((*history, mc.clone(), *epoch))
                     .or_insert_with(|| this.clone());
                 if *first != this {
                     return Err(format!(

@@ -1,7 +1,7 @@
 //! The books of what was seen: who was granted what, what stands in the record and at the field.
 
 use super::Seen;
-use crate::simulator::Cell;
+use crate::simulator::{Cell, McInfo};
 use fam_proto::model::McModel;
 use fam_proto::{
     CheckpointId, Epoch, ImageNumber, InputImage, McId, Owner, Phase, Reset, Scan, Successor,
@@ -46,6 +46,8 @@ pub enum Ended {
     Stopped,
     /// Its logic trapped, and the record says so.
     Faulted,
+    /// The gateway's machine lost its power, and the head with it.
+    HeadLost,
 }
 
 /// An epoch that was granted.
@@ -59,6 +61,8 @@ pub struct Grant {
     pub at_us: u64,
     /// What it starts from.
     pub base: Option<CheckpointId>,
+    /// Outputs that stood at the field.
+    pub outputs: Vec<u8>,
     /// The reset that came with it.
     pub reset: Option<Reset>,
     /// What ended the epoch before.
@@ -155,6 +159,17 @@ impl Facts {
             .ok_or_else(|| format!("{mc} is not in the cell"))
     }
 
+    /// What runs as an MC.
+    ///
+    /// # Errors
+    /// The cell has no such MC.
+    pub fn info(&self, mc: &McId) -> Result<&McInfo, String> {
+        let index = self.cell.index(mc);
+        index
+            .map(|index| &self.cell.mcs[index])
+            .ok_or_else(|| format!("{mc} is not in the cell"))
+    }
+
     /// An image that was sent.
     #[must_use]
     pub fn image(&self, number: ImageNumber) -> Option<&InputImage> {
@@ -168,7 +183,19 @@ impl Facts {
     pub(super) fn take(&mut self, seen: &Seen<'_>) {
         let now_us = self.now_us;
         match seen {
-            Seen::Ordered { .. } | Seen::Diverted { .. } | Seen::End { .. } => {}
+            Seen::Ordered { .. }
+            | Seen::Diverted { .. }
+            | Seen::Trapped { .. }
+            | Seen::Restored { .. }
+            | Seen::WriteBegun { .. }
+            | Seen::Written { .. }
+            | Seen::Plant { .. }
+            | Seen::End { .. } => {}
+            Seen::PowerLost => {
+                for mc in self.mcs.values_mut() {
+                    mc.lose_head();
+                }
+            }
             Seen::Granted { opened, owner, .. } => {
                 if let Some(mc) = self.mcs.get_mut(&opened.mc) {
                     // The same grant may be told again.
@@ -180,6 +207,7 @@ impl Facts {
                         owner: (*owner).clone(),
                         at_us: now_us,
                         base: opened.base,
+                        outputs: opened.outputs.clone(),
                         reset: opened.reset,
                         after: mc.grant.as_ref().and_then(|g| g.ended.clone()),
                         ended: None,
@@ -187,6 +215,11 @@ impl Facts {
                     };
                     if grant.reset == Some(Reset::Cold) {
                         mc.head = None; // from here on the MC has no history
+                        if grant.after == Some(Ended::HeadLost) {
+                            // Nobody knows any more how far it had come.
+                            mc.last_scan = Scan(0);
+                            mc.applied = None;
+                        }
                     }
                     mc.grants.insert(grant.epoch, grant.clone());
                     mc.grant = Some(grant);
@@ -225,6 +258,12 @@ impl Facts {
                 if let Some(mc) = self.mcs.get_mut(*mc) {
                     mc.field = Some(mc.model.fail_safe.clone());
                     mc.fail_safe = true;
+                }
+            }
+            Seen::Kept { mc, outputs } => {
+                if let Some(mc) = self.mcs.get_mut(*mc) {
+                    mc.field = Some(outputs.to_vec());
+                    mc.fail_safe = false;
                 }
             }
             // Between field and record lies a moment in which the gateway may die: then the record is as good as closed by the restart.
@@ -268,7 +307,10 @@ impl Facts {
         }
         if let Some(grant) = &mut mc.grant
             && !(why == Ended::FailSafe
-                && matches!(grant.ended, Some(Ended::Faulted | Ended::Stopped)))
+                && matches!(
+                    grant.ended,
+                    Some(Ended::Faulted | Ended::Stopped | Ended::HeadLost)
+                ))
         {
             grant.ended = Some(why);
         }
@@ -290,6 +332,15 @@ impl McFacts {
         self.before = self.head.replace(head);
     }
 
+    /// What was not synced is gone. An MC that never ran has nothing to lose.
+    fn lose_head(&mut self) {
+        if self.head.take().is_some()
+            && let Some(grant) = &mut self.grant
+        {
+            grant.ended = Some(Ended::HeadLost);
+        }
+    }
+
     fn restart(&mut self) {
         if let Some(grant) = &mut self.grant {
             // A head that says stopped may have been recorded right before the gateway died.
@@ -305,6 +356,10 @@ impl McFacts {
         }
         if let Some(head) = &mut self.head {
             head.released = None;
+        }
+        // It may have died between the record and the field: the field is then a scan behind.
+        if !self.fail_safe {
+            self.field = None;
         }
     }
 }

@@ -5,8 +5,10 @@ use super::{Facts, Invariant, Seen};
 
 /// Frames are fresh for this many cycles.
 const FRESH_CYCLES: u64 = 3;
-/// Virtual time and the gateway's clock may differ by this much over that time, in microseconds.
+/// Virtual time and the gateway's clock may differ by this much over that time, in microseconds,
 const CLOCKS_US: u64 = 100;
+/// and by this much if its clock runs too fast, in thousandths.
+const FAST_PERMILLE: u64 = 35;
 
 pub(super) struct HealthyOwner;
 
@@ -35,7 +37,7 @@ impl Invariant for HealthyOwner {
         let last_us = before.applied_at_us.unwrap_or(before.at_us);
         let silent_us = facts.now_us - last_us;
         let fresh_us = FRESH_CYCLES * u64::from(mc.model.cycle_us);
-        if silent_us + CLOCKS_US < fresh_us {
+        if silent_us + silent_us * FAST_PERMILLE / 1_000 + CLOCKS_US < fresh_us {
             return Err(format!(
                 "{}: epoch {} is granted to {owner} although {} drives epoch {}, its last word {silent_us} us ago and its token seen",
                 opened.mc, opened.epoch, before.owner, before.epoch

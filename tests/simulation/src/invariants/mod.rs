@@ -13,11 +13,15 @@ mod mc_time;
 mod no_invented_state;
 mod nothing_lost;
 mod one_driver;
+mod one_writer;
+mod plant_unharmed;
 mod recovery;
 mod reference;
 mod release;
+mod repository_keeps;
 mod stopped_stays_stopped;
 mod successor;
+mod trap_not_passed_on;
 
 pub use facts::{Ended, Facts, Grant, HeadFact, McFacts};
 
@@ -36,6 +40,8 @@ pub enum Seen<'a> {
     Ordered {
         /// Its life.
         manager: BootId,
+        /// Which history its repository tells: a copy begins another one.
+        history: u64,
         /// The order.
         order: &'a Order,
         /// To the MC Agent on this controller.
@@ -73,6 +79,13 @@ pub enum Seen<'a> {
         /// The MC.
         mc: &'a McId,
     },
+    /// At its start the gateway sets what stood at the field of an MC that has stopped.
+    Kept {
+        /// The MC.
+        mc: &'a McId,
+        /// The outputs.
+        outputs: &'a [u8],
+    },
     /// The gateway's record says that the fail-safe values are set.
     Closed {
         /// The MC.
@@ -92,6 +105,47 @@ pub enum Seen<'a> {
         owner: &'a Owner,
         /// The epoch.
         epoch: Epoch,
+    },
+    /// Logic has trapped on a scan thread.
+    Trapped {
+        /// The MC.
+        mc: &'a McId,
+        /// The node.
+        owner: &'a Owner,
+        /// The epoch.
+        epoch: Epoch,
+    },
+    /// The gateway's machine has lost its power: heads of records are gone.
+    PowerLost,
+    /// A manager has loaded its repository.
+    Restored {
+        /// Epochs that were promised and are not there.
+        lost: &'a [String],
+    },
+    /// The gateway hands a write on to its field driver.
+    WriteBegun {
+        /// The gateway's life.
+        gateway: BootId,
+        /// Whose outputs.
+        mc: &'a McId,
+        /// The outputs.
+        outputs: &'a [u8],
+    },
+    /// A write reaches the field.
+    Written {
+        /// The gateway's life.
+        gateway: BootId,
+        /// Whose outputs.
+        mc: &'a McId,
+        /// The outputs.
+        outputs: &'a [u8],
+    },
+    /// What the plant has suffered so far.
+    Plant {
+        /// Incidents.
+        incidents: u64,
+        /// The last one.
+        last: Option<&'a str>,
     },
     /// The gateway has started, or goes on after it stood still.
     GatewayUp {
@@ -147,25 +201,31 @@ pub struct Invariants {
 }
 
 impl Invariants {
-    /// All promises, for a cell that has not started.
+    /// All promises, or only the one of that name, for a cell that has not started.
     #[must_use]
-    pub fn new(cell: Arc<Cell>) -> Invariants {
+    pub fn new(cell: Arc<Cell>, only: Option<&str>) -> Invariants {
+        let mut all: Vec<Box<dyn Invariant>> = vec![
+            Box::new(one_driver::OneDriver),
+            Box::new(healthy_owner::HealthyOwner),
+            Box::<epochs_never_reused::EpochsNeverReused>::default(),
+            Box::<no_invented_state::NoInventedState>::default(),
+            Box::new(nothing_lost::NothingLost),
+            Box::<recovery::RecoveryAsDeclared>::default(),
+            Box::new(release::ReleaseOutsideCriticalIntervals),
+            Box::new(fail_safe_latched::FailSafeLatched),
+            Box::new(mc_time::McTime),
+            Box::new(inputs_never_older::InputsNeverOlder),
+            Box::new(stopped_stays_stopped::StoppedStaysStopped),
+            Box::new(successor::NamedSuccessor),
+            Box::<trap_not_passed_on::TrapNotPassedOn>::default(),
+            Box::<one_writer::OneWriter>::default(),
+            Box::new(repository_keeps::RepositoryKeeps),
+            Box::new(plant_unharmed::PlantUnharmed),
+            Box::new(liveness::Liveness),
+        ];
+        all.retain(|invariant| only.is_none_or(|name| invariant.name() == name));
         Invariants {
-            all: vec![
-                Box::new(one_driver::OneDriver),
-                Box::new(healthy_owner::HealthyOwner),
-                Box::<epochs_never_reused::EpochsNeverReused>::default(),
-                Box::<no_invented_state::NoInventedState>::default(),
-                Box::new(nothing_lost::NothingLost),
-                Box::<recovery::RecoveryAsDeclared>::default(),
-                Box::new(release::ReleaseOutsideCriticalIntervals),
-                Box::new(fail_safe_latched::FailSafeLatched),
-                Box::new(mc_time::McTime),
-                Box::new(inputs_never_older::InputsNeverOlder),
-                Box::new(stopped_stays_stopped::StoppedStaysStopped),
-                Box::new(successor::NamedSuccessor),
-                Box::new(liveness::Liveness),
-            ],
+            all,
             facts: Facts::new(cell),
             violations: Vec::new(),
         }

@@ -1,10 +1,10 @@
-//! **No invented state** (point 4): every state that a scan thread produces is the one that the MC's logic makes of the state before it,
-//! and an epoch begins from exactly the head that it names as base.
+//! **No invented state** (point 4): every state, with its outputs, that a scan thread produces is the one that the MC's logic makes of
+//! the state before it, and an epoch begins from exactly the head that it names as base.
 
-use super::reference::{Beginning, begin, scan, stop};
+use super::reference::{Beginning, Given, Reference, begin, go_on, stop};
 use super::{Facts, Invariant, Seen};
-use fam_node_core::model_mc::ModelMc;
-use fam_node_core::{McRuntime, ScannedFrame};
+use crate::simulator::McInfo;
+use fam_node_core::ScannedFrame;
 use fam_proto::{Epoch, McId, Owner, Reset, Scan};
 use std::collections::BTreeMap;
 
@@ -12,12 +12,14 @@ use std::collections::BTreeMap;
 struct Run {
     epoch: Epoch,
     scan: Scan,
-    model: ModelMc,
+    state: Vec<u8>,
+    outputs: Vec<u8>,
 }
 
 #[derive(Default)]
 pub(super) struct NoInventedState {
     runs: BTreeMap<(McId, Owner), Run>,
+    reference: Reference,
 }
 
 impl Invariant for NoInventedState {
@@ -29,15 +31,19 @@ impl Invariant for NoInventedState {
         let Seen::Scanned(frame) = seen else {
             return Ok(());
         };
+        let info = facts.info(&frame.spec.mc)?;
+        if frame.spec.layout != info.spec.layout {
+            return Err(format!("{} runs another version of it", words(frame)));
+        }
         let key = (frame.spec.mc.clone(), frame.owner.clone());
         let same = self
             .runs
             .get_mut(&key)
             .filter(|run| run.epoch == frame.epoch);
         match same {
-            Some(run) => run.follow(frame, facts),
+            Some(run) => run.follow(frame, info, facts, &mut self.reference),
             None => {
-                let run = first(frame, facts)?;
+                let run = first(frame, info, facts, &mut self.reference)?;
                 self.runs.insert(key, run);
                 Ok(())
             }
@@ -65,8 +71,17 @@ fn words(frame: &ScannedFrame) -> String {
     )
 }
 
+fn made(frame: &ScannedFrame, by: Option<(&[u8], &[u8])>) -> bool {
+    by == Some((frame.buffer.state(), frame.buffer.outputs()))
+}
+
 /// The first scan of an epoch: from its base, with any recovery (which one is another invariant's matter).
-fn first(frame: &ScannedFrame, facts: &Facts) -> Result<Run, String> {
+fn first(
+    frame: &ScannedFrame,
+    info: &McInfo,
+    facts: &Facts,
+    reference: &mut Reference,
+) -> Result<Run, String> {
     let mc = facts.mc(&frame.spec.mc)?;
     let Some(grant) = mc.grants.get(&frame.epoch) else {
         return Err(format!("{} runs without a grant", words(frame)));
@@ -95,54 +110,58 @@ fn first(frame: &ScannedFrame, facts: &Facts) -> Result<Run, String> {
             )
         })?),
     };
-    let inputs = inputs(frame, facts)?;
-    let padding = padding(facts, &frame.spec.mc);
+    let given = Given {
+        inputs: inputs(frame, facts)?,
+        outputs: &grant.outputs,
+        mc_time_us: frame.mc_time_us, // judged by itself, where it is recorded
+    };
     let initial = match (base, grant.reset) {
         (None, _) => Some(Reset::Cold),
         (Some(_), Some(Reset::Resume) | None) => None,
         (Some(_), reset) => reset,
     };
-    let mc_time_us = frame.mc_time_us; // judged by itself, where it is recorded
-    for recovery in 0..=4 {
+    let diagnosis = &info.spec.diagnosis;
+    let actions = diagnosis.intervals.iter().map(|i| i.action);
+    for recovery in std::iter::once(0)
+        .chain(actions)
+        .chain(diagnosis.stop_action)
+    {
         for keep_action in [false, true] {
             let how = Beginning {
                 initial,
                 recovery,
                 keep_action,
             };
-            let mut model = begin(padding, base.map(|b| b.state.as_slice()), &how);
-            if scan(&mut model, inputs, mc_time_us).is_some()
-                && model.checkpoint() == frame.buffer.state()
-            {
+            let checkpoint = begin(info, base.map(|b| b.state.as_slice()), &how);
+            if made(frame, reference.scan(info, &checkpoint, &given)) {
                 return Ok(Run {
                     epoch: frame.epoch,
                     scan: frame.scan,
-                    model,
+                    state: frame.buffer.state().to_vec(),
+                    outputs: frame.buffer.outputs().to_vec(),
                 });
             }
         }
     }
     Err(format!(
-        "{} has a state (count {}) that the logic cannot make of its base (count {:?})",
+        "{} has a state or outputs that the logic cannot make of its base, {:?}",
         words(frame),
-        ModelMc::count(frame.buffer.state()),
-        base.map(|b| ModelMc::count(&b.state))
+        base.map(|b| b.id)
     ))
 }
 
-fn padding(facts: &Facts, mc: &McId) -> usize {
-    facts
-        .cell
-        .index(mc)
-        .map_or(0, |index| facts.cell.mcs[index].padding)
-}
-
 impl Run {
-    fn follow(&mut self, frame: &ScannedFrame, facts: &Facts) -> Result<(), String> {
-        let state = frame.buffer.state();
+    fn follow(
+        &mut self,
+        frame: &ScannedFrame,
+        info: &McInfo,
+        facts: &Facts,
+        reference: &mut Reference,
+    ) -> Result<(), String> {
+        let (state, outputs) = (frame.buffer.state(), frame.buffer.outputs());
         if frame.scan == self.scan {
             // The last word, repeated.
-            return if self.model.checkpoint() == state {
+            return if self.state == state && self.outputs == outputs {
                 Ok(())
             } else {
                 Err(format!("{} is repeated with another state", words(frame)))
@@ -151,21 +170,24 @@ impl Run {
         if frame.scan != self.scan.next() {
             return Err(format!("{} follows scan {}", words(frame), self.scan));
         }
-        let mc_time_us = frame.mc_time_us;
-        let inputs = inputs(frame, facts)?;
-        let stopping = stop(padding(facts, &frame.spec.mc), self.model.checkpoint());
-        for mut model in [self.model.clone(), stopping] {
-            if scan(&mut model, inputs, mc_time_us).is_some() && model.checkpoint() == state {
-                self.model = model;
-                self.scan = frame.scan;
-                return Ok(());
-            }
+        let given = Given {
+            inputs: inputs(frame, facts)?,
+            outputs: &self.outputs,
+            mc_time_us: frame.mc_time_us,
+        };
+        let on = go_on(info, &self.state);
+        let good = made(frame, reference.scan(info, &on, &given))
+            || stop(info, &self.state)
+                .is_some_and(|stopping| made(frame, reference.scan(info, &stopping, &given)));
+        if !good {
+            return Err(format!(
+                "{} has a state or outputs that the logic cannot make of the scan before",
+                words(frame)
+            ));
         }
-        Err(format!(
-            "{} has a state (count {}) that the logic cannot make of the scan before (count {})",
-            words(frame),
-            ModelMc::count(state),
-            ModelMc::count(self.model.checkpoint())
-        ))
+        self.scan = frame.scan;
+        self.state.copy_from_slice(state);
+        self.outputs.copy_from_slice(outputs);
+        Ok(())
     }
 }

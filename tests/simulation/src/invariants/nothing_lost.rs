@@ -1,7 +1,8 @@
 //! **Nothing that the plant has seen is lost** (point 5): no outputs reach the field without their state on record, each epoch starts
 //! from the head of the record, and scan numbers go on behind it.
 
-use super::{Facts, Invariant, Seen};
+use super::{Ended, Facts, Invariant, Seen};
+use crate::simulator::Logic;
 use fam_node_core::model_mc::ModelMc;
 use fam_proto::{Phase, Reset};
 
@@ -30,6 +31,9 @@ impl Invariant for NothingLost {
                         "{}: outputs of scan {} are applied that are not those of the record's head",
                         applied.mc, applied.scan
                     ));
+                }
+                if !matches!(facts.info(&applied.mc)?.logic, Logic::Model { .. }) {
+                    return Ok(());
                 }
                 // The model MC puts its count into its outputs: outputs and state are of one scan.
                 let count = ModelMc::count(&head.state).to_le_bytes();
@@ -60,7 +64,10 @@ impl Invariant for NothingLost {
                         opened.mc, opened.epoch
                     ));
                 }
-                if opened.next_scan <= mc.last_scan && !repeated {
+                // Where the head is lost with the power, so is the count; a cold reset begins anew.
+                let head_lost =
+                    mc.grant.as_ref().and_then(|g| g.ended.as_ref()) == Some(&Ended::HeadLost);
+                if opened.next_scan <= mc.last_scan && !repeated && !(head_lost && cold) {
                     return Err(format!(
                         "{}: epoch {} is to begin with scan {}, but scan {} was applied",
                         opened.mc, opened.epoch, opened.next_scan, mc.last_scan

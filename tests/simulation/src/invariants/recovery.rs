@@ -1,9 +1,8 @@
 //! **Critical intervals are answered as declared** (point 6): an epoch after an interruption begins with the action of the critical
 //! interval that holds, an interrupted action goes on if it may be repeated, and leads to a safe stop if not.
 
-use super::reference::{begin, beginning, scan, stop};
+use super::reference::{Given, Reference, begin, beginning, stop};
 use super::{Facts, Invariant, Seen};
-use fam_node_core::McRuntime;
 use fam_proto::{Epoch, McId, Owner, Reset};
 use std::collections::BTreeMap;
 
@@ -12,6 +11,7 @@ pub(super) struct RecoveryAsDeclared {
     begun: BTreeMap<(McId, Owner), Epoch>,
     /// Sent into the stop POU before the first frame of the epoch.
     diverted: BTreeMap<(McId, Owner), Epoch>,
+    reference: Reference,
 }
 
 impl Invariant for RecoveryAsDeclared {
@@ -34,10 +34,8 @@ impl Invariant for RecoveryAsDeclared {
         }
         let mc = facts.mc(&frame.spec.mc)?;
         let base = frame.base.and_then(|id| mc.head_of(id));
-        let (Some(grant), Some(index)) = (
-            mc.grants.get(&frame.epoch),
-            facts.cell.index(&frame.spec.mc),
-        ) else {
+        let info = facts.info(&frame.spec.mc)?;
+        let Some(grant) = mc.grants.get(&frame.epoch) else {
             return Ok(()); // judged as invented
         };
         let Some(inputs) = facts
@@ -53,16 +51,19 @@ impl Invariant for RecoveryAsDeclared {
         let Some(how) = beginning(grant, base, &mc.model.diagnosis) else {
             return Err(format!("{what} begins although nothing may be run"));
         };
-        let padding = facts.cell.mcs[index].padding;
         let state = base.map(|b| b.state.as_slice());
-        let mut model = begin(padding, state, &how);
+        let mut checkpoint = begin(info, state, &how);
         if diverted {
             // Its first scan has trapped, or an order to stop came before it.
-            let begun = model.checkpoint().to_vec();
-            model = stop(padding, &begun);
+            checkpoint = stop(info, &checkpoint).unwrap_or(checkpoint);
         }
-        let traps = scan(&mut model, &inputs.bytes, frame.mc_time_us).is_none();
-        if traps || model.checkpoint() != frame.buffer.state() {
+        let given = Given {
+            inputs: &inputs.bytes,
+            outputs: &grant.outputs,
+            mc_time_us: frame.mc_time_us,
+        };
+        let made = self.reference.scan(info, &checkpoint, &given);
+        if made.is_none_or(|(state, _)| state != frame.buffer.state()) {
             return Err(format!(
                 "{what} does not begin as it has to: {}recovery action {}{}, after {:?} in {:?}",
                 match how.initial {

@@ -1,20 +1,14 @@
-//! A second opinion: what the model MC has to do from a state, and how an epoch has to begin by the contract.
+//! A second opinion: what an MC's logic has to do from a state, and how an epoch has to begin by the contract.
 //!
-//! Written against the words of design, section 4, point 6, and not against the agents' code.
+//! Written against the words of design, section 4, point 6, and not against the agents' code. Each scan is run from the bytes of the
+//! checkpoint before it alone, in an instance that has forgotten everything else.
 
 use super::{Ended, Grant, HeadFact};
+use crate::simulator::{McInfo, SimMc};
 use fam_node_core::McRuntime;
-use fam_node_core::model_mc::{ModelMc, STOP};
 use fam_proto::diagnosis::{Diagnosis, IntervalKind};
-use fam_proto::{Phase, Reset};
-
-const IS_ACTIVE: usize = 0;
-const WAS_ACTIVE: usize = 4;
-const RECOVERY: usize = 8;
-const ACTION: usize = 12;
-const STATE: usize = 16;
-/// `count`, the retained variable.
-const RETAINED: std::ops::Range<usize> = STATE..STATE + 8;
+use fam_proto::{McId, Phase, Reset};
+use std::collections::BTreeMap;
 
 /// How an epoch begins.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -52,7 +46,7 @@ pub(super) fn beginning(
         return from(0, false);
     }
     let unrecoverable = |but: Option<u16>| {
-        let state = base.state.get(STATE..)?;
+        let state = base.state.get(diagnosis.state_offset as usize..)?;
         let found = diagnosis.intervals.iter().find(|i| {
             i.kind == IntervalKind::Unrecoverable && Some(i.action) != but && i.holds(state)
         })?;
@@ -65,7 +59,8 @@ pub(super) fn beginning(
         }
         Phase::Recovering(action) | Phase::Stopping(action) => {
             let interval = diagnosis.interval_of_action(action);
-            let repeatable = interval.map_or(action == STOP, |i| i.repeatable);
+            let stop = diagnosis.stop_action == Some(action);
+            let repeatable = interval.map_or(stop, |i| i.repeatable);
             if repeatable {
                 from(action, true)
             } else {
@@ -78,49 +73,100 @@ pub(super) fn beginning(
     }
 }
 
-/// An instance that begins an epoch.
-pub(super) fn begin(padding: usize, base: Option<&[u8]>, how: &Beginning) -> ModelMc {
-    let mut model = ModelMc::new(padding);
-    let checkpoint = model.checkpoint_mut();
+/// The checkpoint that an epoch begins with.
+pub(super) fn begin(info: &McInfo, base: Option<&[u8]>, how: &Beginning) -> Vec<u8> {
+    let spec = &info.spec;
+    let mut checkpoint = spec.initial.clone();
     match (base, how.initial) {
         (Some(base), None) if base.len() == checkpoint.len() => checkpoint.copy_from_slice(base),
         (Some(base), Some(Reset::Warm)) if base.len() == checkpoint.len() => {
-            checkpoint[RETAINED].copy_from_slice(&base[RETAINED]);
+            for range in &spec.retained {
+                checkpoint[range.clone()].copy_from_slice(&base[range.clone()]);
+            }
         }
         _ => {}
     }
-    activate(checkpoint, how.recovery, how.keep_action);
-    model
+    activate(info, &mut checkpoint, how.recovery, how.keep_action);
+    checkpoint
 }
 
-/// An instance that leaves normal logic for the stop POU.
-pub(super) fn stop(padding: usize, good: &[u8]) -> ModelMc {
+/// The checkpoint from which normal logic is left for the stop POU; `None`: there is none.
+pub(super) fn stop(info: &McInfo, good: &[u8]) -> Option<Vec<u8>> {
     let how = Beginning {
         initial: None,
-        recovery: STOP,
+        recovery: info.spec.diagnosis.stop_action?,
         keep_action: false,
     };
-    begin(padding, Some(good), &how)
+    Some(begin(info, Some(good), &how))
 }
 
-/// One scan; `None`: it traps.
-pub(super) fn scan(model: &mut ModelMc, inputs: &[u8], mc_time_us: u64) -> Option<()> {
-    let image = model.inputs_mut();
-    if image.len() != inputs.len() {
-        return None;
+/// The checkpoint from which an instance that remembers nothing does what the one that has just made it does next.
+pub(super) fn go_on(info: &McInfo, state: &[u8]) -> Vec<u8> {
+    let control = &info.spec.control;
+    let mut state = state.to_vec();
+    if cell(&state, control.is_active) != 0 && cell(&state, control.was_active) != 0 {
+        set(&mut state, control.was_active, 0);
+        set(&mut state, control.recovery_action, 0);
     }
-    image.copy_from_slice(inputs);
-    model.scan(mc_time_us).ok()
+    state
 }
 
-fn activate(checkpoint: &mut [u8], recovery: u16, keep_action: bool) {
-    let mut cell = |at: usize, value: i32| {
-        checkpoint[at..at + 4].copy_from_slice(&value.to_le_bytes());
-    };
-    cell(IS_ACTIVE, 1);
-    cell(WAS_ACTIVE, 0);
-    cell(RECOVERY, i32::from(recovery));
+fn activate(info: &McInfo, checkpoint: &mut [u8], recovery: u16, keep_action: bool) {
+    let control = &info.spec.control;
+    set(checkpoint, control.is_active, 1);
+    set(checkpoint, control.was_active, 0);
+    set(checkpoint, control.recovery_action, i32::from(recovery));
     if !keep_action {
-        cell(ACTION, 0);
+        let actions = control.actions.clone();
+        checkpoint[actions.clone()].copy_from_slice(&info.spec.initial[actions]);
+    }
+}
+
+fn cell(bytes: &[u8], at: usize) -> i32 {
+    i32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+}
+
+fn set(bytes: &mut [u8], at: usize, value: i32) {
+    bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+}
+
+/// What a scan is given.
+pub(super) struct Given<'a> {
+    pub inputs: &'a [u8],
+    pub outputs: &'a [u8],
+    pub mc_time_us: u64,
+}
+
+/// An instance of each MC, to run scans in.
+#[derive(Default)]
+pub(super) struct Reference {
+    instances: BTreeMap<McId, SimMc>,
+}
+
+impl Reference {
+    /// One scan from a checkpoint: state and outputs after it. `None`: it traps.
+    pub(super) fn scan(
+        &mut self,
+        info: &McInfo,
+        checkpoint: &[u8],
+        given: &Given<'_>,
+    ) -> Option<(&[u8], &[u8])> {
+        if !self.instances.contains_key(&info.mc) {
+            let instance = info.logic.instance();
+            self.instances.insert(info.mc.clone(), instance);
+        }
+        let instance = self.instances.get_mut(&info.mc)?;
+        let fits = instance.inputs_mut().len() == given.inputs.len()
+            && instance.outputs().len() == given.outputs.len()
+            && instance.checkpoint().len() == checkpoint.len();
+        if !fits {
+            return None;
+        }
+        instance.reset();
+        instance.checkpoint_mut().copy_from_slice(checkpoint);
+        instance.inputs_mut().copy_from_slice(given.inputs);
+        instance.outputs_mut().copy_from_slice(given.outputs);
+        instance.scan(given.mc_time_us).ok()?;
+        Some((instance.checkpoint(), instance.outputs()))
     }
 }

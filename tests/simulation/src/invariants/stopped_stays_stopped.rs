@@ -1,6 +1,8 @@
-//! **A trap is not passed on** (point 9): an MC that has stopped safely, or whose fault is on record, is opened only with a reset.
+//! **Stopped stays stopped** (points 5 and 9): an MC that has stopped safely, or whose fault is on record, is opened only with a reset; one
+//! whose last state is lost with the gateway's power only with a cold one.
 
 use super::{Ended, Facts, Invariant, Seen};
+use fam_proto::Reset;
 
 pub(super) struct StoppedStaysStopped;
 
@@ -21,6 +23,10 @@ impl Invariant for StoppedStaysStopped {
                     opened.mc, opened.epoch
                 ))
             }
+            Some(Ended::HeadLost) if opened.reset != Some(Reset::Cold) => Err(format!(
+                "{}: epoch {} is granted to {owner} without a cold reset although its last state is lost",
+                opened.mc, opened.epoch
+            )),
             _ => Ok(()),
         }
     }

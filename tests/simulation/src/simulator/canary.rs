@@ -33,11 +33,17 @@ pub enum Canary {
     RecoverySkipped,
     /// The scan thread releases anywhere.
     ReleaseAnywhere,
+    /// Each write to the field is made once more by somebody else, a little later.
+    TwoWriters,
+    /// After a trap normal logic goes on.
+    TrapPassedOn,
+    /// An epoch begins from initial values, whatever the plant is doing.
+    StartsCold,
 }
 
 impl Canary {
     /// All of them, each with the invariant that has to find it and the number of seeds within which it has to.
-    pub const ALL: [(Canary, &'static str, u64); 14] = [
+    pub const ALL: [(Canary, &'static str, u64); 18] = [
         (
             Canary::GatewayForgetsRecords,
             "nothing that the plant has seen is lost",
@@ -66,6 +72,11 @@ impl Canary {
             "an MC that an able controller hosts is driven",
             20,
         ),
+        (
+            Canary::EpochsForgotten,
+            "the repository keeps what it has promised",
+            40,
+        ),
         (Canary::EpochsForgotten, "epochs are never reused", 150),
         (Canary::StaleStart, "no invented state", 20),
         (
@@ -84,5 +95,8 @@ impl Canary {
             "planned moves never start in a critical interval",
             20,
         ),
+        (Canary::TwoWriters, "one writer", 5),
+        (Canary::TrapPassedOn, "a trap is not passed on", 40),
+        (Canary::StartsCold, "the plant goes on unharmed", 20),
     ];
 }

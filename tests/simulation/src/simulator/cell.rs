@@ -1,5 +1,7 @@
 //! The cell that a seed chooses: controllers, MCs, hosting, cycles, limits.
 
+use super::fms200;
+use super::logic::Logic;
 use super::random::Random;
 use fam_node_core::McSpec;
 use fam_node_core::model_mc::{INPUTS_LEN, ModelMc, OUTPUTS_LEN};
@@ -35,8 +37,10 @@ pub struct McInfo {
     pub mc: McId,
     /// Its model.
     pub model: Arc<McModel>,
-    /// Bytes of its state beyond the model MC's own.
-    pub padding: usize,
+    /// What it runs.
+    pub logic: Logic,
+    /// What a node knows of it.
+    pub spec: Arc<McSpec>,
     /// CPU time of one scan on the reference controller, in nanoseconds.
     pub cpu_ns: u64,
     /// Nodes that host it.
@@ -50,6 +54,10 @@ pub struct Size {
     pub controllers: (u64, u64),
     /// Fewest and most MCs.
     pub mcs: (u64, u64),
+    /// Most controllers that host one MC.
+    pub hosts_max: usize,
+    /// Compiled logic in place of the model MC.
+    pub plc: bool,
 }
 
 impl Cell {
@@ -82,7 +90,7 @@ impl Cell {
             names.push(McId::new(&format!("Mc{n}"))?);
         }
         let mcs: Vec<McInfo> = (0..names.len())
-            .map(|n| mc(&names, n, &gateway, &controllers, random))
+            .map(|n| mc(&names, n, &gateway, &controllers, size, random))
             .collect();
         let model = CellModel {
             cell: CellId::new("simulated")?,
@@ -122,14 +130,22 @@ impl Cell {
     /// What a node knows of an MC, as its `place`-th.
     #[must_use]
     pub fn spec(&self, mc: usize, place: usize) -> McSpec {
+        McSpec {
+            index: place,
+            ..self.mcs[mc].spec.as_ref().clone()
+        }
+    }
+
+    /// Another version of an MC, as a node has it that was generated from another model: other logic and another layout.
+    #[must_use]
+    pub fn other_version(&self, mc: usize, place: usize) -> (McSpec, McModel) {
         let info = &self.mcs[mc];
-        ModelMc::spec(
-            place,
-            info.mc.clone(),
-            self.gateway.clone(),
-            info.model.cycle_us,
-            info.padding,
-        )
+        let mut spec = self.spec(mc, place);
+        spec.layout.0 += 1;
+        let mut model = info.model.as_ref().clone();
+        model.layout = spec.layout;
+        model.hash += 1;
+        (spec, model)
     }
 }
 
@@ -138,6 +154,7 @@ fn mc(
     n: usize,
     gateway: &GatewayId,
     controllers: &[ControllerModel],
+    size: &Size,
     random: &mut Random,
 ) -> McInfo {
     let padding = random.index(180);
@@ -146,6 +163,14 @@ fn mc(
         .collect();
     if hosts.is_empty() {
         hosts.push(random.index(controllers.len()));
+    }
+    // Something has to be able to move.
+    if n == 0 && hosts.len() == 1 {
+        hosts.push((hosts[0] + 1) % controllers.len());
+        hosts.sort_unstable();
+    }
+    while hosts.len() > size.hosts_max {
+        hosts.remove(random.index(hosts.len()));
     }
     let cycle_us = TICK_US * random.pick(&[1, 1, 1, 2, 4]).copied().unwrap_or(1);
     let worst_case_us = u32::try_from(random.between(50, 250)).unwrap_or(100);
@@ -169,7 +194,7 @@ fn mc(
             },
         });
     }
-    let model = McModel {
+    let mut model = McModel {
         mc: names[n].clone(),
         gateway: gateway.clone(),
         hosts: hosts
@@ -195,10 +220,24 @@ fn mc(
         }],
         fail_safe,
     };
+    let mut logic = Logic::Model { padding };
+    if size.plc {
+        let (delivered, plc) = fms200::logic(n);
+        model.layout = delivered.layout;
+        model.hash = delivered.hash;
+        model.diagnosis = delivered.diagnosis.clone();
+        model.inputs.truncate(1);
+        model.inputs[0].place = Place::Bytes { byte: 0, width: 1 };
+        model.inputs_len = delivered.inputs_len;
+        model.outputs = Vec::new();
+        model.fail_safe = delivered.fail_safe.clone();
+        logic = Logic::Plc(plc);
+    }
     McInfo {
         mc: names[n].clone(),
+        spec: Arc::new(logic.spec(0, &names[n], gateway, cycle_us)),
         model: Arc::new(model),
-        padding,
+        logic,
         cpu_ns: u64::from(worst_case_us) * random.between(300, 950),
         hosts,
     }
@@ -213,6 +252,8 @@ mod tests {
         let size = Size {
             controllers: (2, 4),
             mcs: (1, 5),
+            hosts_max: 3,
+            plc: false,
         };
         let mut shapes = std::collections::BTreeSet::new();
         for seed in 0..50 {
@@ -220,7 +261,7 @@ mod tests {
             assert!((2..=4).contains(&cell.controllers.len()));
             assert!((1..=5).contains(&cell.mcs.len()));
             for (n, mc) in cell.mcs.iter().enumerate() {
-                assert!(!mc.hosts.is_empty());
+                assert!((1..=3).contains(&mc.hosts.len()));
                 cell.spec(n, 0).check().unwrap();
             }
             shapes.insert((cell.controllers.len(), cell.mcs.len()));

@@ -1,12 +1,15 @@
-//! What goes wrong, and when: chosen by the seed before the run begins.
+//! What may go wrong: the faults, what they are counted as, how long they last and whom they hit.
 
-use super::cell::Cell;
+use super::cell::McInfo;
 use super::network::{Pid, Weather};
-use super::random::Random;
-use fam_proto::{CommandKind, Reset};
+use fam_proto::{CommandKind, McId};
+use serde::{Deserialize, Serialize};
+
+/// How long the first node is down if a fault that was meant for another one for good is led to it, in microseconds.
+const FIRST_NODE_DOWN_US: u64 = 500_000;
 
 /// A fault, or an operator at the wrong moment.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
     /// A process is killed and started again after a while; `None`: not before the quiet time, if at all. With `after_outputs` it dies
     /// in the middle of carrying out what its state machine wants.
@@ -42,7 +45,7 @@ pub enum Fault {
     /// The network is bad for a while.
     Storm {
         /// What kind of bad.
-        name: &'static str,
+        kind: Storm,
         /// How.
         weather: Weather,
         /// How long, in microseconds.
@@ -78,10 +81,43 @@ pub enum Fault {
         /// How long, in microseconds.
         us: u64,
     },
+    /// The manager's machine loses its power in the middle of a write to its disk.
+    ManagerDiskCrash {
+        /// Operations on the disk that still go well.
+        operations: u64,
+        /// What was not synced may be there in part, down to single sectors.
+        torn: bool,
+        /// How long it is down, in microseconds.
+        down_us: u64,
+    },
+    /// The manager is killed, and started again on an old copy of its repository.
+    OldCopy {
+        /// Which copy: 0 is the newest.
+        back: usize,
+        /// How long it is down, in microseconds.
+        down_us: u64,
+    },
+    /// A second manager runs for a while, on a copy of the repository.
+    SecondManager {
+        /// Which copy; `None`: one made at that moment.
+        back: Option<usize>,
+        /// How long, in microseconds.
+        us: u64,
+    },
     /// The gateway's disk refuses syncs for a while.
     GatewayDiskFails {
         /// How long, in microseconds.
         us: u64,
+    },
+    /// The gateway is killed in the middle of writing a head into its record.
+    GatewayTornRecord {
+        /// How long it is down, in microseconds.
+        down_us: u64,
+    },
+    /// The gateway's machine loses its power: what was not synced is gone.
+    GatewayPower {
+        /// How long it is down, in microseconds.
+        down_us: u64,
     },
     /// A node's link is congested for a while: images to it get lost, messages do not.
     LostImages {
@@ -89,6 +125,40 @@ pub enum Fault {
         node: usize,
         /// How many, in a thousand.
         permille: u64,
+        /// How long, in microseconds.
+        us: u64,
+    },
+    /// Images to a node come late for a while, messages do not.
+    StaleImages {
+        /// Which.
+        node: usize,
+        /// How late, in microseconds.
+        by_us: u64,
+        /// How long, in microseconds.
+        us: u64,
+    },
+    /// Frames to a node's replicas get lost for a while: what they hold grows old.
+    LostFrames {
+        /// Which.
+        node: usize,
+        /// How many, in a thousand.
+        permille: u64,
+        /// How long, in microseconds.
+        us: u64,
+    },
+    /// A node's replica of an MC forgets all checkpoints, its agent does not know of it.
+    WipedReplica {
+        /// Which.
+        node: usize,
+        /// Of which MC.
+        mc: usize,
+    },
+    /// A node comes back with another version of an MC's project, and later with the right one.
+    OtherVersion {
+        /// Which.
+        node: usize,
+        /// Of which MC.
+        mc: usize,
         /// How long, in microseconds.
         us: u64,
     },
@@ -101,6 +171,55 @@ pub enum Fault {
         /// How long, in microseconds.
         us: u64,
     },
+    /// Each scan on a node takes longer for a while: ticks are overrun.
+    SlowScans {
+        /// Which.
+        node: usize,
+        /// How much longer, in microseconds.
+        by_us: u64,
+        /// How long, in microseconds.
+        us: u64,
+    },
+    /// A process's monotonic clock runs too fast or too slow for a while.
+    ClockDrift {
+        /// Whose.
+        pid: Pid,
+        /// How much too fast, in millionths.
+        ppm: i64,
+        /// How long, in microseconds.
+        us: u64,
+    },
+    /// The wall clock of a process's machine is set to another time, for good.
+    ClockStep {
+        /// Whose.
+        pid: Pid,
+        /// By how much, in microseconds.
+        by_us: i64,
+    },
+}
+
+/// Kinds of bad weather.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Storm {
+    /// All takes longer, in order.
+    Delay,
+    /// Nothing keeps its order.
+    Reordering,
+    /// Messages get lost.
+    Loss,
+    /// Messages arrive twice.
+    Duplication,
+}
+
+/// Whom a fault hits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// A node.
+    Node(usize),
+    /// An MC.
+    Mc(usize),
+    /// The cell.
+    Cell,
 }
 
 impl Fault {
@@ -126,7 +245,12 @@ impl Fault {
             Fault::Cut { pairs, .. } if pairs.len() == 1 => "one-way cut",
             Fault::Cut { pairs, .. } if pairs.len() == 2 => "two-way cut",
             Fault::Cut { .. } => "isolation",
-            Fault::Storm { name, .. } => name,
+            Fault::Storm { kind, .. } => match kind {
+                Storm::Delay => "delay",
+                Storm::Reordering => "reordering",
+                Storm::Loss => "loss",
+                Storm::Duplication => "duplication",
+            },
             Fault::SlowLink { .. } => "slow link",
             Fault::Command(CommandKind::Move { force: true, .. }) => "forced move",
             Fault::Command(CommandKind::Move { .. }) => "move",
@@ -134,201 +258,196 @@ impl Fault {
             Fault::Command(CommandKind::Undrain(_)) => "undrain",
             Fault::Command(CommandKind::Stop(_)) => "stop",
             Fault::Command(CommandKind::Reset { .. }) => "reset",
-            Fault::Command(_) => "other command",
+            Fault::Command(CommandKind::Pin { .. }) => "pin",
+            Fault::Command(CommandKind::Unpin(_)) => "unpin",
+            Fault::Command(CommandKind::Acknowledge(_)) => "acknowledge",
             Fault::Trap { .. } => "trap",
             Fault::FieldSilent { .. } => "silent field",
             Fault::ManagerDiskFails { .. } => "manager's disk fails",
+            Fault::ManagerDiskCrash { torn: false, .. } => "manager's disk loses writes",
+            Fault::ManagerDiskCrash { .. } => "manager's disk tears writes",
+            Fault::OldCopy { .. } => "old copy of repository",
+            Fault::SecondManager { .. } => "second manager",
             Fault::GatewayDiskFails { .. } => "gateway's disk fails",
-            Fault::LostImages { .. } => "lost images",
+            Fault::GatewayTornRecord { .. } => "gateway's record torn",
+            Fault::GatewayPower { .. } => "gateway power failure",
+            Fault::LostImages { .. } => "missing images",
+            Fault::StaleImages { .. } => "stale images",
+            Fault::LostFrames { .. } => "old replicas",
+            Fault::WipedReplica { .. } => "missing replica",
+            Fault::OtherVersion { .. } => "other version",
             Fault::LateTicks { .. } => "late ticks",
+            Fault::SlowScans { .. } => "slow scans",
+            Fault::ClockDrift { .. } => "clock drift",
+            Fault::ClockStep { .. } => "clock step",
         }
     }
 
-    /// Until when it lasts if it begins at `at_us`.
+    /// How long it lasts, in microseconds.
     #[must_use]
-    pub fn ends_us(&self, at_us: u64) -> u64 {
-        at_us
-            + match self {
-                Fault::Freeze { us, .. }
-                | Fault::Cut { us, .. }
-                | Fault::Storm { us, .. }
-                | Fault::SlowLink { us, .. }
-                | Fault::FieldSilent { us }
-                | Fault::ManagerDiskFails { us }
-                | Fault::GatewayDiskFails { us }
-                | Fault::LostImages { us, .. }
-                | Fault::LateTicks { us, .. } => *us,
-                Fault::Crash { down_us, .. } => down_us.unwrap_or(0),
-                Fault::Terminate { .. } | Fault::Command(_) | Fault::Trap { .. } => 0,
+    pub fn lasts_us(&self) -> u64 {
+        match self {
+            Fault::Freeze { us, .. }
+            | Fault::Cut { us, .. }
+            | Fault::Storm { us, .. }
+            | Fault::SlowLink { us, .. }
+            | Fault::FieldSilent { us }
+            | Fault::ManagerDiskFails { us }
+            | Fault::SecondManager { us, .. }
+            | Fault::GatewayDiskFails { us }
+            | Fault::LostImages { us, .. }
+            | Fault::StaleImages { us, .. }
+            | Fault::LostFrames { us, .. }
+            | Fault::OtherVersion { us, .. }
+            | Fault::LateTicks { us, .. }
+            | Fault::SlowScans { us, .. }
+            | Fault::ClockDrift { us, .. } => *us,
+            Fault::Crash { down_us, .. } => down_us.unwrap_or(0),
+            Fault::ManagerDiskCrash { down_us, .. }
+            | Fault::OldCopy { down_us, .. }
+            | Fault::GatewayTornRecord { down_us }
+            | Fault::GatewayPower { down_us } => *down_us,
+            Fault::Terminate { .. }
+            | Fault::Command(_)
+            | Fault::Trap { .. }
+            | Fault::WipedReplica { .. }
+            | Fault::ClockStep { .. } => 0,
+        }
+    }
+
+    /// The same fault, half as long; `None` if it has no length, or hardly any.
+    #[must_use]
+    pub fn halved(&self) -> Option<Fault> {
+        let mut half = self.clone();
+        let us = match &mut half {
+            Fault::Freeze { us, .. }
+            | Fault::Cut { us, .. }
+            | Fault::Storm { us, .. }
+            | Fault::SlowLink { us, .. }
+            | Fault::FieldSilent { us }
+            | Fault::ManagerDiskFails { us }
+            | Fault::SecondManager { us, .. }
+            | Fault::GatewayDiskFails { us }
+            | Fault::LostImages { us, .. }
+            | Fault::StaleImages { us, .. }
+            | Fault::LostFrames { us, .. }
+            | Fault::OtherVersion { us, .. }
+            | Fault::LateTicks { us, .. }
+            | Fault::SlowScans { us, .. }
+            | Fault::ClockDrift { us, .. } => us,
+            Fault::Crash {
+                down_us: Some(us), ..
             }
-    }
-}
-
-/// How much goes wrong.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Trouble {
-    /// When the first fault may come, in microseconds.
-    pub from_us: u64,
-    /// When the last one may come, in microseconds.
-    pub to_us: u64,
-    /// Fewest and most faults.
-    pub faults: (u64, u64),
-}
-
-/// The schedule of a seed: when, and what.
-#[must_use]
-pub fn schedule(cell: &Cell, trouble: &Trouble, random: &mut Random) -> Vec<(u64, Fault)> {
-    let count = random.between(trouble.faults.0, trouble.faults.1);
-    let mut schedule = Vec::new();
-    let mut at_us = trouble.from_us;
-    let mean_us = (trouble.to_us - trouble.from_us) / count.max(1);
-    for _ in 0..count {
-        // Many come in company: the second one hits the answer to the first.
-        at_us += if random.chance(350) {
-            random.below(40_000)
-        } else {
-            random.below(2 * mean_us)
+            | Fault::ManagerDiskCrash { down_us: us, .. }
+            | Fault::OldCopy { down_us: us, .. }
+            | Fault::GatewayTornRecord { down_us: us }
+            | Fault::GatewayPower { down_us: us } => us,
+            Fault::Crash { down_us: None, .. }
+            | Fault::Terminate { .. }
+            | Fault::Command(_)
+            | Fault::Trap { .. }
+            | Fault::WipedReplica { .. }
+            | Fault::ClockStep { .. } => return None,
         };
-        schedule.push((at_us.min(trouble.to_us), fault(cell, random)));
+        if *us < 20_000 {
+            return None;
+        }
+        *us /= 2;
+        Some(half)
     }
-    schedule
-}
 
-fn fault(cell: &Cell, random: &mut Random) -> Fault {
-    let node = random.index(cell.controllers.len());
-    let controller = cell.controllers[node].clone();
-    let mc = random.index(cell.mcs.len());
-    let mc_id = cell.mcs[mc].mc.clone();
-    let host = *random.pick(&cell.mcs[mc].hosts).unwrap_or(&node);
-    let to = cell.controllers[host].clone();
-    let ms = |random: &mut Random, from, to| 1_000 * random.between(from, to);
-    match random.below(100) {
-        0..16 => Fault::Crash {
-            pid: Pid::Node(node),
-            after_outputs: in_the_middle(random),
-            down_us: (!random.chance(300)).then(|| ms(random, 20, 1_500)),
-        },
-        16..28 => Fault::Freeze {
-            pid: Pid::Node(node),
-            us: ms(random, 15, 1_500),
-        },
-        28..36 => Fault::Crash {
-            pid: Pid::Manager,
-            after_outputs: in_the_middle(random),
-            down_us: Some(ms(random, 5, 900)),
-        },
-        36..39 => Fault::Freeze {
-            pid: Pid::Manager,
-            us: ms(random, 20, 1_200),
-        },
-        39..46 => Fault::Crash {
-            pid: Pid::Gateway,
-            after_outputs: in_the_middle(random),
-            down_us: Some(ms(random, 5, 700)),
-        },
-        46..49 => Fault::Freeze {
-            pid: Pid::Gateway,
-            us: ms(random, 10, 900),
-        },
-        49..59 => cut(cell, random),
-        59..63 => Fault::SlowLink {
-            from: Pid::Gateway,
-            to: Pid::Node(node),
-            by_us: ms(random, 2, 60),
-            us: ms(random, 100, 1_500),
-        },
-        63..71 => storm(random),
-        71..79 => Fault::Command(CommandKind::Move {
-            mc: mc_id,
-            to,
-            force: random.chance(100),
-        }),
-        79..83 => Fault::Command(CommandKind::Drain(controller)),
-        83..86 => Fault::Command(CommandKind::Undrain(controller)),
-        86..87 => Fault::Command(CommandKind::Stop(mc_id)),
-        87..89 => Fault::Command(CommandKind::Reset {
-            mc: mc_id,
-            how: *random
-                .pick(&[Reset::Cold, Reset::Warm, Reset::Resume])
-                .unwrap_or(&Reset::Cold),
-        }),
-        89..91 => Fault::Trap {
-            mc,
-            always: random.chance(300),
-        },
-        91..93 => Fault::FieldSilent {
-            us: ms(random, 10, 400),
-        },
-        93..95 => Fault::ManagerDiskFails {
-            us: ms(random, 10, 1_000),
-        },
-        95..96 => Fault::GatewayDiskFails {
-            us: ms(random, 10, 300),
-        },
-        96..97 => Fault::Terminate {
-            node,
-            down_us: ms(random, 20, 800),
-        },
-        97..99 => Fault::LostImages {
-            node,
-            permille: random.between(200, 950),
-            us: ms(random, 50, 1_500),
-        },
-        _ => Fault::LateTicks {
-            node,
-            late_us: ms(random, 4, 30),
-            us: ms(random, 50, 500),
-        },
+    /// Leads it to another target of the same kind.
+    pub(super) fn lead_to(&mut self, target: Target, mcs: &[McInfo]) {
+        match (target, self) {
+            (Target::Node(n), Fault::Crash { pid, down_us, .. }) => {
+                *pid = Pid::Node(n);
+                if n == 0 {
+                    // One node always comes back: with none at all nothing can be in flight any more.
+                    down_us.get_or_insert(FIRST_NODE_DOWN_US);
+                }
+            }
+            (
+                Target::Node(n),
+                Fault::Freeze { pid, .. }
+                | Fault::ClockDrift { pid, .. }
+                | Fault::ClockStep { pid, .. }
+                | Fault::SlowLink { to: pid, .. },
+            ) => *pid = Pid::Node(n),
+            (
+                Target::Node(n),
+                Fault::Terminate { node, .. }
+                | Fault::LostImages { node, .. }
+                | Fault::StaleImages { node, .. }
+                | Fault::LostFrames { node, .. }
+                | Fault::LateTicks { node, .. }
+                | Fault::SlowScans { node, .. },
+            ) => *node = n,
+            // What is hosted differs from node to node.
+            (
+                Target::Node(n),
+                Fault::WipedReplica { node, mc } | Fault::OtherVersion { node, mc, .. },
+            ) => {
+                let hosted = |mc: &usize| mcs[*mc].hosts.contains(&n);
+                if let Some(found) = std::iter::once(*mc).chain(0..mcs.len()).find(hosted) {
+                    (*node, *mc) = (n, found);
+                }
+            }
+            (
+                Target::Mc(n),
+                Fault::Command(
+                    CommandKind::Move { mc, .. }
+                    | CommandKind::Pin { mc, .. }
+                    | CommandKind::Unpin(mc)
+                    | CommandKind::Stop(mc)
+                    | CommandKind::Reset { mc, .. },
+                ),
+            ) => *mc = mcs[n].mc.clone(),
+            (Target::Mc(n), Fault::Trap { mc, .. }) => *mc = n,
+            _ => {}
+        }
     }
-}
 
-fn in_the_middle(random: &mut Random) -> Option<u32> {
-    random
-        .chance(500)
-        .then(|| u32::try_from(random.below(40)).unwrap_or(0))
-}
-
-fn cut(cell: &Cell, random: &mut Random) -> Fault {
-    let mut all = vec![Pid::Manager, Pid::Gateway];
-    all.extend((0..cell.controllers.len()).map(Pid::Node));
-    let a = random.index(all.len());
-    let b = (a + 1 + random.index(all.len() - 1)) % all.len();
-    let (a, b) = (all[a], all[b]);
-    let pairs = match random.below(10) {
-        0..4 => vec![(a, b)],
-        4..8 => vec![(a, b), (b, a)],
-        _ => all
-            .iter()
-            .filter(|c| **c != a)
-            .flat_map(|c| [(a, *c), (*c, a)])
-            .collect(),
-    };
-    Fault::Cut {
-        pairs,
-        us: 1_000 * random.between(5, 1_500),
+    /// Whom it hits. `mc` tells an MC's place in the cell.
+    pub fn target(&self, mc: impl Fn(&McId) -> Option<usize>) -> Target {
+        let node = |pid: &Pid| match pid {
+            Pid::Node(n) => Target::Node(*n),
+            _ => Target::Cell,
+        };
+        match self {
+            Fault::Crash { pid, .. }
+            | Fault::Freeze { pid, .. }
+            | Fault::ClockDrift { pid, .. }
+            | Fault::ClockStep { pid, .. }
+            | Fault::SlowLink { to: pid, .. } => node(pid),
+            Fault::Terminate { node, .. }
+            | Fault::LostImages { node, .. }
+            | Fault::StaleImages { node, .. }
+            | Fault::LostFrames { node, .. }
+            | Fault::WipedReplica { node, .. }
+            | Fault::OtherVersion { node, .. }
+            | Fault::LateTicks { node, .. }
+            | Fault::SlowScans { node, .. } => Target::Node(*node),
+            Fault::Command(
+                CommandKind::Move { mc: name, .. }
+                | CommandKind::Pin { mc: name, .. }
+                | CommandKind::Unpin(name)
+                | CommandKind::Stop(name)
+                | CommandKind::Reset { mc: name, .. },
+            ) => mc(name).map_or(Target::Cell, Target::Mc),
+            Fault::Trap { mc, .. } => Target::Mc(*mc),
+            Fault::Cut { .. }
+            | Fault::Storm { .. }
+            | Fault::Command(
+                CommandKind::Drain(_) | CommandKind::Undrain(_) | CommandKind::Acknowledge(_),
+            )
+            | Fault::FieldSilent { .. }
+            | Fault::ManagerDiskFails { .. }
+            | Fault::ManagerDiskCrash { .. }
+            | Fault::OldCopy { .. }
+            | Fault::SecondManager { .. }
+            | Fault::GatewayDiskFails { .. }
+            | Fault::GatewayTornRecord { .. }
+            | Fault::GatewayPower { .. } => Target::Cell,
+        }
     }
-}
-
-fn storm(random: &mut Random) -> Fault {
-    let us = 1_000 * random.between(20, 700);
-    let slowest = 1_000 * random.between(2, 120);
-    let weather = |delay_us, lost_permille, doubled_permille, ordered| Weather {
-        delay_us,
-        lost_permille,
-        doubled_permille,
-        ordered,
-    };
-    let (name, weather) = match random.below(4) {
-        0 => ("delay", weather((100, slowest), 0, 0, true)),
-        1 => ("reordering", weather((60, slowest), 0, 0, false)),
-        2 => (
-            "loss",
-            weather((60, 1_000), random.between(50, 400), 0, true),
-        ),
-        _ => (
-            "duplication",
-            weather((60, 10_000), 20, random.between(100, 500), false),
-        ),
-    };
-    Fault::Storm { name, weather, us }
 }

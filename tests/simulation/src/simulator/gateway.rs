@@ -5,17 +5,34 @@ use super::network::Pid;
 use super::world::{Event, Packet, World};
 use crate::invariants::{Ended, Seen};
 use fam_gateway_core::{
-    Gateway, GatewayAct, GatewayInput, GatewayLocal, MemoryRecords, RecordWrite, Why, opening,
+    Gateway, GatewayAct, GatewayInput, GatewayLocal, GatewayOutput, MemoryRecords, RecordWrite,
+    Why, opening,
 };
-use fam_node_core::model_mc::INPUTS_LEN;
 use fam_proto::agent::{Agent, Input, Output};
 use fam_proto::{
-    AgentId, Applied, BootId, Envelope, McInputs, Message, Owner, RecordState, decode_frame,
+    AgentId, Applied, BootId, Envelope, McId, Message, Owner, RecordState, decode_frame,
 };
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// When answers begin to get lost, with the planted bug.
 const ANSWERS_LOST_FROM_US: u64 = 700_000;
+
+/// The worst of the faults of a kind that hit a node now; 0 if none does.
+pub(super) fn worst(faults: &BTreeMap<usize, (usize, u64)>, node: usize) -> u64 {
+    let hit = faults.values().filter(|(n, _)| *n == node);
+    hit.map(|(_, much)| *much).max().unwrap_or(0)
+}
+
+fn is_head(output: &GatewayOutput) -> bool {
+    matches!(
+        output,
+        Output::Persist {
+            write: RecordWrite::Head { .. },
+            ..
+        }
+    )
+}
 
 impl World {
     pub(super) fn start_gateway(&mut self) {
@@ -79,30 +96,17 @@ impl World {
         if !self.is_this(Pid::Gateway, boot) {
             return;
         }
-        self.plant.reads += 1;
         let fresh = self.field_silent == 0;
-        let inputs = self.cell.mcs.iter().enumerate().map(|(n, mc)| {
-            let mut bytes = vec![0; INPUTS_LEN];
-            let value = self.plant.reads.wrapping_mul(7) + n as u64;
-            bytes[0] = u8::try_from(value % 200).unwrap_or(0);
-            bytes[1] = u8::try_from(value / 200 % 256).unwrap_or(0);
-            if let Some(trap) = self.plant.traps.get(&n) {
-                bytes[0] = *trap;
-            }
-            McInputs {
-                mc: mc.mc.clone(),
-                bytes,
-                fresh,
-            }
-        });
-        let inputs = inputs.collect();
+        let inputs = self.field.read(&self.cell, fresh, self.now_us);
         self.gateway_input(Input::Local(GatewayLocal::Field(inputs)));
     }
 
     pub(super) fn carry_out_gateway(&mut self) {
         while let Some(output) = self.gateway.as_mut().and_then(Agent::poll_output) {
-            if self.is_doomed(Pid::Gateway) {
-                self.die_in(output);
+            let torn = self.gateway_tears && is_head(&output);
+            if torn || self.is_doomed(Pid::Gateway) {
+                self.gateway_tears = false;
+                self.die_in(output, torn);
                 return;
             }
             match output {
@@ -126,13 +130,17 @@ impl World {
     }
 
     /// The process dies while it carries this out: a head may be written, half written or not.
-    fn die_in(&mut self, output: fam_gateway_core::GatewayOutput) {
+    fn die_in(&mut self, output: GatewayOutput, torn: bool) {
         if let Output::Persist {
             write: RecordWrite::Head { mc, head },
             ..
         } = output
         {
-            match self.random.below(3) {
+            match if torn {
+                1
+            } else {
+                self.dice(Pid::Gateway).below(3)
+            } {
                 0 => {}
                 1 => {
                     let torn = mc.clone();
@@ -176,7 +184,7 @@ impl World {
     fn gateway_acts(&mut self, act: GatewayAct) {
         match act {
             GatewayAct::ReadField => {
-                let at_us = self.now_us + self.random.between(80, 700);
+                let at_us = self.now_us + self.dice(Pid::Gateway).between(80, 700);
                 let boot = self.boot_of(Pid::Gateway);
                 self.queue.push(at_us, Event::Field { boot });
             }
@@ -184,41 +192,102 @@ impl World {
                 self.see(&Seen::Image(&image));
                 self.transmit(Pid::Gateway, Pid::Manager, Packet::Image(image.clone()));
                 for n in 0..self.nodes.len() {
-                    let faults = self.lost_images.values().filter(|(node, _)| *node == n);
-                    let lost = faults.map(|(_, permille)| *permille).max().unwrap_or(0);
-                    if !self.random.chance(lost) {
-                        self.transmit(Pid::Gateway, Pid::Node(n), Packet::Image(image.clone()));
+                    let lost = worst(&self.lost_images, n);
+                    if lost > 0 && self.dice(Pid::Node(n)).chance(lost) {
+                        continue;
+                    }
+                    let packet = Packet::Image(image.clone());
+                    match worst(&self.stale_images, n) {
+                        0 => self.transmit(Pid::Gateway, Pid::Node(n), packet),
+                        by_us => self.send_late(Pid::Gateway, Pid::Node(n), packet, by_us),
                     }
                 }
             }
-            GatewayAct::ApplyOutputs { mc, outputs, why } => match why {
-                Why::Frame(applied) => {
-                    self.note(|| {
-                        format!(
-                            "field    {mc}: epoch {} scan {} of {} ({:?}{})",
-                            applied.epoch,
-                            applied.scan,
-                            applied.owner.controller,
-                            applied.phase,
-                            if applied.released { ", released" } else { "" }
-                        )
-                    });
-                    self.see(&Seen::Applied {
-                        applied: &applied,
-                        outputs: &outputs,
-                    });
-                    if self.options.log {
-                        self.applied.push(applied);
-                    }
-                }
-                Why::FailSafe => {
-                    self.note(|| format!("field    {mc}: fail-safe values"));
-                    self.deed("fail-safe");
-                    self.see(&Seen::FailSafe { mc: &mc });
-                }
-                Why::Kept => {}
-            },
+            GatewayAct::ApplyOutputs { mc, outputs, why } => {
+                self.write_field(&mc, &outputs);
+                self.outputs_applied(&mc, &outputs, why);
+            }
             GatewayAct::Left => self.kill(Pid::Gateway),
+        }
+    }
+
+    /// The gateway's one writer puts it on its way to the field.
+    fn write_field(&mut self, mc: &McId, outputs: &Arc<[u8]>) {
+        let Some(mc) = self.cell.index(mc) else {
+            return;
+        };
+        let at_us = self.now_us + self.dice(Pid::Gateway).between(50, 400);
+        self.field_busy_us = self.field_busy_us.max(at_us);
+        let name = self.cell.mcs[mc].mc.clone();
+        self.see(&Seen::WriteBegun {
+            gateway: self.boot_of(Pid::Gateway),
+            mc: &name,
+            outputs,
+        });
+        let write = Event::Write {
+            boot: self.boot_of(Pid::Gateway),
+            mc,
+            outputs: Arc::clone(outputs),
+        };
+        // The planted bug: somebody else writes it once more, in his own time.
+        if self.has(Canary::TwoWriters) {
+            let again = Event::Write {
+                boot: self.boot_of(Pid::Gateway),
+                mc,
+                outputs: Arc::clone(outputs),
+            };
+            self.queue.push(at_us + 30_000, again);
+        }
+        self.queue.push(self.field_busy_us, write);
+    }
+
+    /// A write has reached the field.
+    pub(super) fn written(&mut self, boot: BootId, mc: usize, outputs: &[u8]) {
+        let name = self.cell.mcs[mc].mc.clone();
+        self.see(&Seen::Written {
+            gateway: boot,
+            mc: &name,
+            outputs,
+        });
+        let cell = self.cell.clone();
+        if let Err(error) = self.field.write(&cell.mcs[mc], outputs, self.now_us) {
+            self.defect(format!("the field refuses a write: {error}"));
+        }
+        if let Some((total, last)) = self.field.incidents() {
+            self.see(&Seen::Plant {
+                incidents: total,
+                last: last.as_deref(),
+            });
+        }
+    }
+
+    fn outputs_applied(&mut self, mc: &McId, outputs: &Arc<[u8]>, why: Why) {
+        match why {
+            Why::Frame(applied) => {
+                self.note(|| {
+                    format!(
+                        "field    {mc}: epoch {} scan {} of {} ({:?}{})",
+                        applied.epoch,
+                        applied.scan,
+                        applied.owner.controller,
+                        applied.phase,
+                        if applied.released { ", released" } else { "" }
+                    )
+                });
+                self.see(&Seen::Applied {
+                    applied: &applied,
+                    outputs,
+                });
+                if self.options.log {
+                    self.applied.push(applied);
+                }
+            }
+            Why::FailSafe => {
+                self.note(|| format!("field    {mc}: fail-safe values"));
+                self.deed("fail-safe");
+                self.see(&Seen::FailSafe { mc });
+            }
+            Why::Kept => self.see(&Seen::Kept { mc, outputs }),
         }
     }
 

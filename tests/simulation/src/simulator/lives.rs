@@ -2,8 +2,9 @@
 
 use super::network::Pid;
 use super::time::Clock;
-use super::world::{Event, FIRST_BOOT, Life, World};
+use super::world::{Event, Life, TELL_WALL_US, WALL_US, World};
 use crate::invariants::Seen;
+use fam_agents::manager::ManagerLocal;
 use fam_proto::agent::Input;
 use fam_proto::{BootId, Now, ProcessId};
 use std::collections::BTreeSet;
@@ -13,7 +14,8 @@ impl World {
 
     pub(super) fn is_up(&self, pid: Pid) -> bool {
         match pid {
-            Pid::Manager => self.manager.is_some(),
+            Pid::Manager => self.managing.agents.is_some(),
+            Pid::Rival => self.rival.agents.is_some(),
             Pid::Gateway => self.gateway.is_some(),
             Pid::Node(n) => self.nodes[n].is_some(),
             Pid::Operator => true,
@@ -42,7 +44,7 @@ impl World {
 
     pub(super) fn process_id(&self, pid: Pid) -> ProcessId {
         match pid {
-            Pid::Manager => ProcessId::Manager,
+            Pid::Manager | Pid::Rival => ProcessId::Manager,
             Pid::Gateway => ProcessId::Gateway(self.cell.gateway.clone()),
             Pid::Node(n) => ProcessId::Node(self.cell.controllers[n].clone()),
             Pid::Operator => ProcessId::Client(1),
@@ -62,14 +64,18 @@ impl World {
         if self.is_up(pid) {
             return;
         }
-        self.boots = self.boots.max(FIRST_BOOT + self.now_us) + 1;
-        let boot = BootId(self.boots);
+        let boot = self.new_boot(pid);
+        let starts = self.lives.get(&pid).map_or(0, |life| life.starts) + 1;
+        let now_us = self.now_us;
+        let dice = self.dice(pid);
         let life = Life {
             boot,
+            starts,
+            started_us: now_us,
             clock: Clock {
-                origin_us: self.now_us,
-                start_us: self.random.below(10_000_000),
-                fast_ppm: i64::try_from(self.random.below(400)).unwrap_or(0) - 200,
+                origin_us: now_us,
+                start_us: dice.below(10_000_000),
+                fast_ppm: i64::try_from(dice.below(400)).unwrap_or(0) - 200,
             },
             frozen_us: None,
             scheduled_us: None,
@@ -81,7 +87,7 @@ impl World {
         self.lives.insert(pid, life);
         self.note(|| format!("{pid:<8} starts (boot …{})", boot.0 % 1_000_000_000));
         match pid {
-            Pid::Manager => self.start_manager(),
+            Pid::Manager | Pid::Rival => self.start_manager(pid),
             Pid::Gateway => self.start_gateway(),
             Pid::Node(n) => self.start_node(n),
             Pid::Operator => {}
@@ -94,18 +100,49 @@ impl World {
         }
     }
 
+    /// What the wall clock of a process's machine shows.
+    pub(super) fn wall_us(&self, pid: Pid) -> u64 {
+        let step_us = self.wall_steps_us.get(&pid).copied().unwrap_or(0);
+        (WALL_US + self.now_us).saturating_add_signed(step_us)
+    }
+
+    /// Boot ids come from the wall clock. No two lives begin in the same microsecond.
+    fn new_boot(&mut self, pid: Pid) -> BootId {
+        let mut boot = BootId(self.wall_us(pid));
+        while !self.boots.insert(boot) {
+            boot.0 += 1;
+        }
+        boot
+    }
+
+    /// A manager's process tells its agents the wall clock from time to time.
+    pub(super) fn tell_wall(&mut self, pid: Pid, boot: BootId) {
+        if !self.is_this(pid, boot) {
+            return;
+        }
+        let unix_us = self.wall_us(pid);
+        self.queue
+            .push(self.now_us + TELL_WALL_US, Event::Wall { pid, boot });
+        self.manager_input(pid, Input::Local(ManagerLocal::Wall { unix_us }));
+    }
+
     /// Kills a process: all that it held in memory is gone.
     pub(super) fn kill(&mut self, pid: Pid) {
         if !self.is_up(pid) {
             return;
         }
         match pid {
-            Pid::Manager => {
-                self.manager = None;
-                self.kill_store();
+            Pid::Manager | Pid::Rival => {
+                self.side(pid).agents = None;
+                self.kill_store(pid);
             }
             Pid::Gateway => self.gateway = None,
-            Pid::Node(n) => self.nodes[n] = None,
+            Pid::Node(n) => {
+                self.nodes[n] = None;
+                if let Some(down_us) = self.terminated.remove(&n) {
+                    self.queue.push(self.now_us + down_us, Event::Start(pid));
+                }
+            }
             Pid::Operator => {}
         }
         if let Some(life) = self.lives.get_mut(&pid) {
@@ -118,7 +155,7 @@ impl World {
         for other in self.pids() {
             if other != pid {
                 // As measured: most hear of it within 2 ms, a few take longer.
-                let slowest_us = if self.random.chance(900) {
+                let slowest_us = if self.dice(other).chance(900) {
                     2_000
                 } else {
                     8_000
@@ -152,7 +189,7 @@ impl World {
         }
         let stalled = std::mem::take(&mut life.stalled);
         // Whether threads or messages come first is chance; each of both keeps its order.
-        let timers_first = self.random.chance(500);
+        let timers_first = self.dice(pid).chance(500);
         let own = |e: &Event| matches!(e, Event::Timer { .. } | Event::Tick { .. });
         let (timers, rest): (Vec<Event>, Vec<Event>) = stalled.into_iter().partition(own);
         let (first, then) = if timers_first {
@@ -161,7 +198,7 @@ impl World {
             (rest, timers)
         };
         // Messages are worked off while threads run again.
-        let each_us = self.random.between(1, 20);
+        let each_us = self.dice(pid).between(1, 20);
         for (n, event) in first.into_iter().chain(then).enumerate() {
             let at_us = self.now_us + 1 + n as u64 * each_us;
             self.queue.push(at_us, event);
@@ -181,7 +218,7 @@ impl World {
 
     /// Lets an observer look after another process some time from now.
     pub(super) fn look(&mut self, observer: Pid, subject: Pid, from_us: u64, to_us: u64) {
-        let at_us = self.now_us + self.random.between(from_us, to_us);
+        let at_us = self.now_us + self.dice(observer).between(from_us, to_us);
         self.queue.push(at_us, Event::Tokens { observer, subject });
     }
 
@@ -212,7 +249,7 @@ impl World {
         {
             changes.push((boot, true));
         }
-        if self.random.chance(500) {
+        if self.dice(observer).chance(500) {
             changes.reverse();
         }
         let process = self.process_id(subject);
@@ -233,11 +270,14 @@ impl World {
             });
             let process = process.clone();
             match observer {
-                Pid::Manager => self.manager_input(Input::Peer {
-                    process,
-                    boot,
-                    alive,
-                }),
+                Pid::Manager | Pid::Rival => self.manager_input(
+                    observer,
+                    Input::Peer {
+                        process,
+                        boot,
+                        alive,
+                    },
+                ),
                 Pid::Gateway => self.gateway_input(Input::Peer {
                     process,
                     boot,

@@ -1,11 +1,12 @@
 //! The manager's process: its agents, its repository, and a disk that may fail.
 
 use super::canary::Canary;
+use super::faults::Fault;
 use super::network::Pid;
 use super::random::Random;
 use super::world::{Event, World};
 use crate::invariants::Seen;
-use fam_agents::manager::{ManagerAgents, ManagerLocal};
+use fam_agents::manager::{ManagerAgents, ManagerLocal, boot_after};
 use fam_proto::agent::{Agent, Input, Output};
 use fam_proto::{AgentId, CellId, Epoch, Message, RepoState, RepoWrite};
 use fam_repository::Repository;
@@ -14,19 +15,44 @@ use fam_repository::disk::Disk;
 /// A manager that could not open its repository is started again after this long, in microseconds.
 const START_AGAIN_US: u64 = 50_000;
 
-/// Where the manager keeps what it knows: the real repository on a simulated disk.
+/// A manager's process and its machine.
+pub(super) struct Managing {
+    pub agents: Option<ManagerAgents>,
+    pub store: Store,
+}
+
+impl Managing {
+    pub(super) fn new(cell: &CellId) -> Managing {
+        Managing {
+            agents: None,
+            store: Store::new(cell),
+        }
+    }
+}
+
+/// A copy of a repository, put aside.
+#[derive(Clone)]
+pub(super) struct Copy {
+    bytes: Vec<u8>,
+    promised: RepoState,
+}
+
+/// Where a manager keeps what it knows: the real repository on a simulated disk.
 pub(super) struct Store {
     /// What was answered `Ok`: what has to be there after a restart.
     pub promised: RepoState,
+    /// Which history it tells: a copy begins another one.
+    pub history: u64,
     cell: CellId,
     disk: Disk,
     open: Option<Repository>,
 }
 
 impl Store {
-    pub(super) fn new(cell: &CellId) -> Store {
+    fn new(cell: &CellId) -> Store {
         Store {
             promised: RepoState::default(),
+            history: 0,
             cell: cell.clone(),
             disk: Disk::default(),
             open: None,
@@ -50,14 +76,33 @@ impl Store {
         Ok(())
     }
 
-    /// From now on every write fails, or none.
-    pub(super) fn fails(&mut self, fails: bool) {
-        self.disk.fail_in(fails.then_some(0));
+    /// From now on every write fails after so many operations; `None`: none fails.
+    pub(super) fn fails_in(&mut self, operations: Option<u64>) {
+        self.disk.fail_in(operations);
     }
 
-    /// The power goes off: of what was not synced some is on the disk.
-    fn crash(&mut self, random: &mut Random) {
-        self.disk.crash(|_| random.chance(500));
+    /// The power goes off: of what was not synced some is on the disk, torn to sectors if it is to be.
+    fn crash(&mut self, torn: bool, random: &mut Random) {
+        if torn {
+            self.disk.crash_torn(|_, _| random.chance(500));
+        } else {
+            self.disk.crash(|_| random.chance(500));
+        }
+        self.open = None;
+    }
+
+    fn copy(&self) -> Copy {
+        Copy {
+            bytes: self.disk.bytes(),
+            promised: self.promised.clone(),
+        }
+    }
+
+    /// Goes on from a copy.
+    fn restore(&mut self, copy: Copy, history: u64) {
+        self.disk = Disk::with(copy.bytes);
+        self.promised = copy.promised;
+        self.history = history;
         self.open = None;
     }
 
@@ -72,13 +117,20 @@ impl Store {
 }
 
 impl World {
-    pub(super) fn start_manager(&mut self) {
-        let restored = match self.store.load() {
+    pub(super) fn side(&mut self, pid: Pid) -> &mut Managing {
+        match pid {
+            Pid::Rival => &mut self.rival,
+            _ => &mut self.managing,
+        }
+    }
+
+    pub(super) fn start_manager(&mut self, pid: Pid) {
+        let restored = match self.side(pid).store.load() {
             Ok(state) => state,
-            Err(_) if self.manager_disk_fails > 0 => {
+            Err(_) if pid == Pid::Manager && self.manager_disk_fails > 0 => {
                 // It says so and ends; whoever looks after it starts it again.
                 let at_us = self.now_us + START_AGAIN_US;
-                self.queue.push(at_us, Event::Start(Pid::Manager));
+                self.queue.push(at_us, Event::Start(pid));
                 return;
             }
             Err(error) => {
@@ -86,43 +138,93 @@ impl World {
                 return;
             }
         };
-        let lost = self.store.lost(&restored);
-        if !lost.is_empty() && !self.has(Canary::EpochsForgotten) {
-            self.defect(format!(
-                "the repository has lost epochs: {}",
-                lost.join("; ")
-            ));
+        let lost = self.side(pid).store.lost(&restored);
+        self.see(&Seen::Restored { lost: &lost });
+        let boot = boot_after(self.boot_of(pid).0, &restored);
+        if let Some(life) = self.lives.get_mut(&pid) {
+            life.boot = boot;
         }
-        let now = self.local(Pid::Manager);
-        let boot = self.boot_of(Pid::Manager);
+        let now = self.local(pid);
         let model = self.cell.model.clone();
-        self.manager = Some(ManagerAgents::new(model, restored, boot, now));
-        self.manager_input(Input::Local(ManagerLocal::Wall { unix_us: boot.0 }));
+        self.side(pid).agents = Some(ManagerAgents::new(model, restored, boot, now));
+        self.tell_wall(pid, boot);
     }
 
-    pub(super) fn kill_store(&mut self) {
-        self.store.crash(&mut self.random);
+    pub(super) fn kill_store(&mut self, pid: Pid) {
+        let torn = match pid {
+            Pid::Manager => self.manager_power.take().unwrap_or(false),
+            _ => false,
+        };
+        let mut random = self.dice(pid).clone();
+        self.side(pid).store.crash(torn, &mut random);
+        self.dice.insert(pid, random);
+        if pid == Pid::Manager {
+            self.managing
+                .store
+                .fails_in((self.manager_disk_fails > 0).then_some(0));
+        }
     }
 
-    pub(super) fn manager_input(&mut self, input: Input<ManagerLocal>) {
-        let now = self.local(Pid::Manager);
-        if let Some(manager) = &mut self.manager {
+    /// Somebody puts a copy of the repository aside.
+    pub(super) fn copy_repository(&mut self) {
+        let wanted = self
+            .schedule
+            .iter()
+            .any(|(_, fault)| matches!(fault, Fault::OldCopy { .. } | Fault::SecondManager { .. }));
+        if wanted {
+            self.copies.push(self.managing.store.copy());
+        }
+    }
+
+    /// The copy that was made so many copies ago.
+    pub(super) fn copy_back(&self, back: usize) -> Option<Copy> {
+        let at = self
+            .copies
+            .len()
+            .checked_sub(back.min(self.copies.len()) + 1);
+        self.copies.get(at.unwrap_or(0)).cloned()
+    }
+
+    /// The manager's repository is replaced by a copy; the manager is down.
+    pub(super) fn restore_repository(&mut self, copy: Copy) {
+        let history = self.managing.store.history.max(self.rival.store.history) + 1;
+        self.managing.store.restore(copy, history);
+        let fails = (self.manager_disk_fails > 0).then_some(0);
+        self.managing.store.fails_in(fails);
+    }
+
+    /// A second manager starts on a copy.
+    pub(super) fn start_rival(&mut self, back: Option<usize>) {
+        let copy = back.and_then(|back| self.copy_back(back));
+        let copy = copy.unwrap_or_else(|| self.managing.store.copy());
+        let history = self.managing.store.history.max(self.rival.store.history) + 1;
+        self.rival.store.restore(copy, history);
+        self.start(Pid::Rival);
+    }
+
+    pub(super) fn manager_input(&mut self, pid: Pid, input: Input<ManagerLocal>) {
+        let now = self.local(pid);
+        if let Some(manager) = &mut self.side(pid).agents {
             manager.handle(input, now);
         }
-        self.carry_out_manager();
+        self.carry_out_manager(pid);
     }
 
-    pub(super) fn carry_out_manager(&mut self) {
-        while let Some(output) = self.manager.as_mut().and_then(Agent::poll_output) {
-            if self.is_doomed(Pid::Manager) {
-                self.kill(Pid::Manager);
+    pub(super) fn carry_out_manager(&mut self, pid: Pid) {
+        while let Some(output) = self.side(pid).agents.as_mut().and_then(Agent::poll_output) {
+            if self.is_doomed(pid) {
+                self.kill(pid);
                 return;
             }
             match output {
                 Output::Persist { ticket, write } => {
-                    let result = self.store_write(&write);
-                    let now = self.local(Pid::Manager);
-                    if let Some(manager) = &mut self.manager {
+                    let result = self.store_write(pid, &write);
+                    if result.is_err() && pid == Pid::Manager && self.manager_power.is_some() {
+                        self.kill(pid);
+                        return;
+                    }
+                    let now = self.local(pid);
+                    if let Some(manager) = &mut self.side(pid).agents {
                         manager.handle(Input::Persisted { ticket, result }, now);
                     }
                 }
@@ -130,10 +232,12 @@ impl World {
                     if let (Message::Order(order), AgentId::Component(to, _)) =
                         (&envelope.body, &envelope.to)
                     {
-                        let promised = &self.store.promised.epochs;
+                        let store = &self.side(pid).store;
+                        let promised = &store.promised.epochs;
                         let durable = promised.get(&order.mc).copied().unwrap_or(Epoch(0));
                         let seen = Seen::Ordered {
                             manager: envelope.boot,
+                            history: store.history,
                             order,
                             to,
                             durable,
@@ -143,31 +247,34 @@ impl World {
                     if self.has(Canary::OrderDoubled) {
                         self.double_order(&envelope);
                     }
-                    self.send(Pid::Manager, envelope);
+                    self.send(pid, envelope);
                 }
-                Output::Act(act) => self.note(|| format!("manager  does {act:?}")),
+                Output::Act(act) => self.note(|| format!("{pid:<8} does {act:?}")),
                 Output::Event(event) => {
                     self.deed(super::quiet::deed_of(event.kind));
                     self.note(|| {
                         format!(
-                            "manager  EVENT {:?} {:?}: {}",
+                            "{pid:<8} EVENT {:?} {:?}: {}",
                             event.severity, event.kind, event.text
                         )
                     });
                 }
             }
         }
-        self.arm(Pid::Manager);
+        self.arm(pid);
     }
 
-    fn store_write(&mut self, write: &RepoWrite) -> Result<(), String> {
-        if self.has(Canary::EpochsForgotten) && matches!(write, RepoWrite::EpochBlock { .. }) {
-            self.store.promised.apply(write);
+    fn store_write(&mut self, pid: Pid, write: &RepoWrite) -> Result<(), String> {
+        let forgets = self.has(Canary::EpochsForgotten);
+        let store = &mut self.side(pid).store;
+        if forgets && matches!(write, RepoWrite::EpochBlock { .. }) {
+            store.promised.apply(write);
             return Ok(());
         }
-        let result = self.store.write(write);
+        let result = store.write(write);
         if let Err(error) = &result
             && self.manager_disk_fails == 0
+            && self.manager_power.is_none()
         {
             self.defect(format!("the repository fails on a good disk: {error}"));
         }

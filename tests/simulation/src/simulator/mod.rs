@@ -7,29 +7,39 @@
 //! ```
 //!
 //! The processes are driven as the production driver drives them: outputs strictly in order, `Persist` answered before the next output.
-//! Not simulated: compiled logic (a model MC runs instead), threads inside a process other than the scan thread, the clients' side of
+//! Not simulated: threads inside a process other than the scan thread, the clients' side of
 //! commands beyond sending them.
 
 mod canary;
 mod cell;
 mod faults;
+mod field;
+mod fms200;
 mod gateway;
+mod generate;
 mod lives;
 mod log;
+mod logic;
 mod manager;
 mod network;
 mod nodes;
+mod profile;
 mod quiet;
 mod random;
+mod stages;
 mod time;
 mod trouble;
 mod world;
 
 pub use canary::Canary;
 pub use cell::{Cell, FAIL_SAFE, McInfo, Size, TICK_US};
-pub use faults::{Fault, Trouble, schedule};
+pub use faults::{Fault, Storm, Target};
+pub use generate::{Trouble, When, kinds, schedule};
+pub use logic::{Logic, SimMc};
 pub use network::{CALM, Network, Pid, Weather};
+pub use profile::Profile;
 pub use random::Random;
+pub use stages::{Matrix, Stage};
 pub use time::{Clock, Queue};
 
 use crate::invariants::Violation;
@@ -40,55 +50,40 @@ use world::World;
 /// What is simulated, beside the seed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Options {
-    /// Bounds of the cell.
-    pub size: Size,
-    /// How much goes wrong.
-    pub trouble: Trouble,
+    /// Which cells, and how much goes wrong.
+    pub profile: Profile,
     /// After the last fault every MC has to be driven within this time, in microseconds.
     pub bound_us: u64,
     /// A schedule of one's own, in place of the one that the seed chooses.
     pub script: Option<Vec<(u64, Fault)>>,
+    /// When the faults are over, for a schedule that was recorded.
+    pub quiet_us: Option<u64>,
     /// A planted bug.
     pub canary: Option<Canary>,
+    /// Only the invariant of this name is checked: whether it finds a planted bug by itself.
+    pub only: Option<&'static str>,
     /// Whether the event log is written.
     pub log: bool,
 }
 
 impl Default for Options {
     fn default() -> Options {
-        Options {
-            size: Size {
-                controllers: (2, 4),
-                mcs: (1, 5),
-            },
-            trouble: Trouble {
-                from_us: 300_000,
-                to_us: 3_000_000,
-                faults: (5, 12),
-            },
-            bound_us: 8_000_000,
-            script: None,
-            canary: None,
-            log: false,
-        }
+        Options::of(Profile::Default)
     }
 }
 
 impl Options {
-    /// Larger cells, and more trouble for longer.
+    /// Those of a profile.
     #[must_use]
-    pub fn harsh() -> Options {
+    pub fn of(profile: Profile) -> Options {
         Options {
-            size: Size {
-                controllers: (2, 6),
-                mcs: (3, 8),
-            },
-            trouble: Trouble {
-                from_us: 200_000,
-                to_us: 8_000_000,
-                faults: (15, 50),
-            },
-            ..Options::default()
+            profile,
+            bound_us: profile.bound_us(),
+            script: None,
+            quiet_us: None,
+            canary: None,
+            only: None,
+            log: false,
         }
     }
 }
@@ -102,6 +97,16 @@ pub struct Outcome {
     pub violations: Vec<Violation>,
     /// Faults that were carried out, by kind.
     pub faults: BTreeMap<&'static str, u64>,
+    /// The same, each with its time: given as a script, they make the same run again.
+    pub carried: Vec<(u64, Fault)>,
+    /// When the faults were over, in microseconds.
+    pub quiet_us: u64,
+    /// Which stages the faults have hit.
+    pub matrix: Matrix,
+    /// Faults that came while a failover or a move was under way.
+    pub in_flight: u64,
+    /// Products that the plant has finished, where there is one.
+    pub products: u64,
     /// What the cell did, by kind: so that a schedule in which nothing happened is seen.
     pub deeds: BTreeMap<&'static str, u64>,
     /// Events handled.
@@ -121,7 +126,7 @@ pub struct Outcome {
 /// The cell that a seed chooses.
 #[must_use]
 pub fn cell(seed: u64, options: &Options) -> Cell {
-    Cell::choose(&options.size, &mut Random::new(seed, 1))
+    options.profile.cell(&mut Random::new(seed, 1))
 }
 
 /// Runs the schedule of a seed.

@@ -3,13 +3,17 @@
 //! In calm weather a link keeps its order and loses nothing, as TCP does. What is sent into a cut is lost, or arrives very late.
 
 use super::random::Random;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// A process, by its place in the simulated cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum Pid {
     /// The manager.
     Manager,
+    /// A second manager of the same cell, on a copy of the repository.
+    Rival,
     /// The gateway.
     Gateway,
     /// A controller node.
@@ -22,6 +26,7 @@ impl std::fmt::Display for Pid {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Pid::Manager => f.pad("manager"),
+            Pid::Rival => f.pad("rival"),
             Pid::Gateway => f.pad("gateway"),
             Pid::Node(n) => f.pad(&format!("node{}", n + 1)),
             Pid::Operator => f.pad("operator"),
@@ -29,8 +34,32 @@ impl std::fmt::Display for Pid {
     }
 }
 
+impl From<Pid> for String {
+    fn from(pid: Pid) -> String {
+        pid.to_string()
+    }
+}
+
+impl TryFrom<String> for Pid {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Pid, String> {
+        let node = name.strip_prefix("node").and_then(|n| n.parse().ok());
+        match (name.as_str(), node) {
+            ("manager", _) => Ok(Pid::Manager),
+            ("rival", _) => Ok(Pid::Rival),
+            ("gateway", _) => Ok(Pid::Gateway),
+            ("operator", _) => Ok(Pid::Operator),
+            (_, Some(1usize..)) => Ok(Pid::Node(node.unwrap_or(1) - 1)),
+            _ => Err(format!(
+                "`{name}` is no process of a simulated cell: expected manager, rival, gateway, operator, node1, node2, ..."
+            )),
+        }
+    }
+}
+
 /// How the network behaves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Weather {
     /// Shortest and longest delay, in microseconds.
     pub delay_us: (u64, u64),
@@ -69,6 +98,9 @@ pub struct Network {
     /// Directions that take longer than the others, and by how much.
     slow_us: BTreeMap<(Pid, Pid), u64>,
     last_us: BTreeMap<(Pid, Pid), u64>,
+    /// Each direction has chances of its own: what is sent elsewhere changes nothing here.
+    chances: BTreeMap<(Pid, Pid), Random>,
+    seed: u64,
     /// How long a silent link keeps its liveliness tokens, in microseconds.
     pub lease_us: u64,
 }
@@ -76,12 +108,14 @@ pub struct Network {
 impl Network {
     /// A calm network.
     #[must_use]
-    pub fn new(lease_us: u64) -> Network {
+    pub fn new(seed: u64, lease_us: u64) -> Network {
         Network {
             weather: CALM,
             cuts: BTreeMap::new(),
             slow_us: BTreeMap::new(),
             last_us: BTreeMap::new(),
+            chances: BTreeMap::new(),
+            seed,
             lease_us,
         }
     }
@@ -129,14 +163,13 @@ impl Network {
     }
 
     /// When a message sent now arrives, and when its copy does. Nothing: it is lost.
-    pub fn arrivals(
-        &mut self,
-        from: Pid,
-        to: Pid,
-        now_us: u64,
-        random: &mut Random,
-    ) -> [Option<u64>; 2] {
-        if self.cut_since(from, to).is_some() {
+    pub fn arrivals(&mut self, from: Pid, to: Pid, now_us: u64) -> [Option<u64>; 2] {
+        let seed = self.seed;
+        let random = self
+            .chances
+            .entry((from, to))
+            .or_insert_with(|| Random::new(seed, stream(from) << 32 | stream(to)));
+        if self.cuts.contains_key(&(from, to)) {
             let held = random.chance(HELD_BACK_PERMILLE);
             return [
                 held.then(|| now_us + random.between(1_000, HELD_BACK_US)),
@@ -163,18 +196,46 @@ impl Network {
     }
 }
 
+/// The stream of chance that belongs to a process.
+#[must_use]
+pub fn stream(pid: Pid) -> u64 {
+    match pid {
+        Pid::Manager => 11,
+        Pid::Rival => 12,
+        Pid::Gateway => 13,
+        Pid::Operator => 14,
+        Pid::Node(n) => 100 + n as u64,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
+    fn names_of_processes_read_back() {
+        for pid in [
+            Pid::Manager,
+            Pid::Rival,
+            Pid::Gateway,
+            Pid::Operator,
+            Pid::Node(0),
+            Pid::Node(41),
+        ] {
+            assert_eq!(Pid::try_from(pid.to_string()), Ok(pid));
+        }
+        for bad in ["node0", "node", "nodes", "", "Manager"] {
+            assert!(Pid::try_from(bad.to_owned()).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
     fn calm_links_keep_their_order_and_cuts_count() {
-        let mut network = Network::new(1);
-        let mut random = Random::new(3, 0);
+        let mut network = Network::new(3, 1);
         let (a, b) = (Pid::Gateway, Pid::Node(0));
         let mut last = 0;
         for n in 0..100 {
-            let [Some(at), None] = network.arrivals(a, b, n, &mut random) else {
+            let [Some(at), None] = network.arrivals(a, b, n) else {
                 panic!("lost or doubled in calm weather");
             };
             assert!(at >= last);

@@ -2,11 +2,12 @@
 
 use super::canary::Canary;
 use super::cell::TICK_US;
+use super::gateway::worst;
+use super::logic::SimMc;
 use super::network::Pid;
 use super::world::{Event, Packet, World};
 use crate::invariants::Seen;
 use fam_agents::node::{McTotals, NodeAct, NodeAgents, NodeConfig, NodeLocal, NodeSample};
-use fam_node_core::model_mc::ModelMc;
 use fam_node_core::{
     ActiveMc, FrameEncoder, Replica, ReplicaOutcome, ScanCommand, ScanCore, ScanHost, ScannedFrame,
 };
@@ -25,7 +26,7 @@ const LATE_PERMILLE: u64 = 4;
 pub(super) enum ScanOut {
     Frame(Box<ScannedFrame>),
     News(usize, McNews),
-    Returned(Box<ActiveMc<ModelMc>>),
+    Returned(Box<ActiveMc<SimMc>>),
 }
 
 impl ScanOut {
@@ -42,14 +43,16 @@ impl ScanOut {
 pub(super) struct NodeBody {
     pub agents: NodeAgents,
     owner: Owner,
-    scan: ScanCore<ModelMc>,
-    replicas: Vec<Replica<ModelMc>>,
+    scan: ScanCore<SimMc>,
+    replicas: Vec<Replica<SimMc>>,
     encoders: Vec<FrameEncoder>,
-    commands: VecDeque<ScanCommand<ModelMc>>,
+    commands: VecDeque<ScanCommand<SimMc>>,
     /// Its MCs, by their place in the cell.
     mcs: Vec<usize>,
     /// CPU time of a scan of each, on the reference controller.
     costs_ns: Vec<u64>,
+    /// What a scan takes longer now.
+    slow_ns: u64,
     cpu_ns: u64,
     next_tick: Now,
     sample_at: Now,
@@ -60,16 +63,17 @@ pub(super) struct NodeBody {
 struct Thread<'a> {
     cpu_ns: &'a mut u64,
     costs_ns: &'a [u64],
+    slow_ns: u64,
     out: Vec<ScanOut>,
 }
 
-impl ScanHost<ModelMc> for Thread<'_> {
+impl ScanHost<SimMc> for Thread<'_> {
     fn cpu_ns(&mut self) -> u64 {
         *self.cpu_ns
     }
     fn scanning(&mut self, mc: Option<usize>) {
         if let Some(cost_ns) = mc.and_then(|mc| self.costs_ns.get(mc)) {
-            *self.cpu_ns += cost_ns;
+            *self.cpu_ns += cost_ns + self.slow_ns;
         }
     }
     fn spend_ns(&mut self, _ns: u64) {}
@@ -79,7 +83,7 @@ impl ScanHost<ModelMc> for Thread<'_> {
     fn news(&mut self, mc: usize, news: McNews) {
         self.out.push(ScanOut::News(mc, news));
     }
-    fn returned(&mut self, mc: Box<ActiveMc<ModelMc>>) {
+    fn returned(&mut self, mc: Box<ActiveMc<SimMc>>) {
         self.out.push(ScanOut::Returned(mc));
     }
 }
@@ -96,14 +100,24 @@ impl World {
             .filter(|mc| self.cell.mcs[*mc].hosts.contains(&n))
             .collect();
         let model = self.cell.model.controllers[n].clone();
+        let other: Vec<usize> = self
+            .versions
+            .values()
+            .filter(|(node, _)| *node == n)
+            .map(|(_, mc)| *mc)
+            .collect();
         let replicas = mcs.iter().enumerate().map(|(place, mc)| {
-            let mut spec = self.cell.spec(*mc, place);
+            let mut spec = if other.contains(mc) {
+                self.cell.other_version(*mc, place).0
+            } else {
+                self.cell.spec(*mc, place)
+            };
             if self.options.canary == Some(Canary::ReleaseAnywhere) {
                 for interval in &mut spec.diagnosis.intervals {
                     interval.rows.clear();
                 }
             }
-            let runtime = ModelMc::new(self.cell.mcs[*mc].padding);
+            let runtime = self.cell.mcs[*mc].logic.instance();
             Replica::new(Arc::new(spec), owner.clone(), runtime)
         });
         let body = NodeBody {
@@ -113,7 +127,13 @@ impl World {
                     owner: owner.clone(),
                     mcs: mcs
                         .iter()
-                        .map(|mc| self.cell.mcs[*mc].model.clone())
+                        .map(|mc| {
+                            if other.contains(mc) {
+                                Arc::new(self.cell.other_version(*mc, 0).1)
+                            } else {
+                                self.cell.mcs[*mc].model.clone()
+                            }
+                        })
                         .collect(),
                     settings: self.cell.model.settings.clone(),
                     real_time: Vec::new(),
@@ -131,6 +151,7 @@ impl World {
             encoders: mcs.iter().map(|_| FrameEncoder::new()).collect(),
             commands: VecDeque::new(),
             costs_ns: mcs.iter().map(|mc| self.cell.mcs[*mc].cpu_ns).collect(),
+            slow_ns: 0,
             cpu_ns: 0,
             next_tick: now,
             sample_at: now,
@@ -139,7 +160,7 @@ impl World {
             owner,
         };
         self.nodes[n] = Some(body);
-        let phase_us = self.random.below(u64::from(TICK_US));
+        let phase_us = self.dice(pid).below(u64::from(TICK_US));
         let boot = self.boot_of(pid);
         self.queue
             .push(self.now_us + phase_us, Event::Tick { node: n, boot });
@@ -193,16 +214,51 @@ impl World {
     }
 
     /// A tick of the scan thread.
+    /// A command for the scan thread: MCs whose predecessor was interrupted begin at once.
+    pub(super) fn ring(&mut self, n: usize, boot: BootId) {
+        let pid = Pid::Node(n);
+        if !self.is_this(pid, boot) {
+            return;
+        }
+        let now = self.local(pid);
+        let slow_us = worst(&self.slow, n);
+        let Some(node) = &mut self.nodes[n] else {
+            return;
+        };
+        node.slow_ns = slow_us * 1_000;
+        let out = node.between_ticks(now);
+        let scans = out.iter().filter(|o| matches!(o, ScanOut::Frame(_)));
+        let busy_us = slow_us * scans.count() as u64;
+        self.leave_scan_thread(n, boot, out, busy_us);
+    }
+
+    /// What the scan thread has for others reaches them a moment later.
+    fn leave_scan_thread(&mut self, n: usize, boot: BootId, out: Vec<ScanOut>, busy_us: u64) {
+        let after_us = self.now_us + busy_us + self.dice(Pid::Node(n)).between(15, 400);
+        for out in out {
+            if let ScanOut::Frame(frame) = &out {
+                let seen = Seen::Scanned(frame);
+                self.invariants.see(&seen, self.now_us);
+            }
+            let inner = Event::Inner { node: n, boot, out };
+            self.queue.push(after_us, inner);
+        }
+    }
+
     pub(super) fn tick(&mut self, n: usize, boot: BootId) {
         let pid = Pid::Node(n);
         if !self.is_this(pid, boot) {
             return;
         }
         let now = self.local(pid);
+        let slow_us = worst(&self.slow, n);
         let Some(node) = &mut self.nodes[n] else {
             return;
         };
+        node.slow_ns = slow_us * 1_000;
         let out = node.tick(now);
+        let scans = out.iter().filter(|o| matches!(o, ScanOut::Frame(_)));
+        let busy_us = slow_us * scans.count() as u64;
         let tick_us = u64::from(TICK_US);
         node.next_tick = node.next_tick.plus_us(tick_us);
         if node.next_tick <= now {
@@ -212,30 +268,18 @@ impl World {
             node.overruns += 1;
         }
         let (next, sampled) = (node.next_tick, node.sample(now));
-        let after_us = self.now_us + self.random.between(15, 400);
-        for out in out {
-            if let ScanOut::Frame(frame) = &out {
-                let seen = Seen::Scanned(frame);
-                self.invariants.see(&seen, self.now_us);
-            }
-            let inner = Event::Inner { node: n, boot, out };
-            self.queue.push(after_us, inner);
-        }
+        self.leave_scan_thread(n, boot, out, busy_us);
         if let Some(sample) = sampled {
             self.node_input(n, Input::Local(NodeLocal::Sample(sample)));
         }
-        let late_us = self
-            .late
-            .values()
-            .filter(|(node, _)| *node == n)
-            .map(|(_, late_us)| *late_us)
-            .max();
+        let late_us = worst(&self.late, n);
+        let dice = self.dice(pid);
         let late_us = match late_us {
-            Some(late_us) => self.random.below(late_us),
-            None if self.random.chance(LATE_PERMILLE) => self.random.below(8_000),
-            None => self.random.below(120),
+            0 if dice.chance(LATE_PERMILLE) => dice.below(8_000),
+            0 => dice.below(120),
+            late_us => dice.below(late_us),
         };
-        let at_us = self.global(pid, next) + late_us;
+        let at_us = (self.global(pid, next) + late_us).max(self.now_us + busy_us);
         self.queue.push(at_us, Event::Tick { node: n, boot });
     }
 
@@ -260,7 +304,15 @@ impl World {
             }
             ScanOut::News(place, news) => {
                 let mc = self.cell.mcs[node.mcs[place]].mc.clone();
+                let owner = node.owner.clone();
                 self.note(|| format!("{pid:<8} {mc}: {news:?}"));
+                if let McNews::Trapped { epoch, .. } = &news {
+                    self.see(&Seen::Trapped {
+                        mc: &mc,
+                        owner: &owner,
+                        epoch: *epoch,
+                    });
+                }
                 self.node_input(n, Input::Local(NodeLocal::Mc { mc, news }));
             }
             ScanOut::Returned(active) => {
@@ -278,6 +330,10 @@ impl World {
         self.transmit(from, Pid::Gateway, packet.clone());
         let hosts = self.cell.mcs[mc].hosts.clone();
         for host in hosts.into_iter().filter(|host| *host != n) {
+            let lost = worst(&self.lost_frames, host);
+            if lost > 0 && self.dice(Pid::Node(host)).chance(lost) {
+                continue;
+            }
             self.transmit(from, Pid::Node(host), packet.clone());
         }
     }
@@ -320,6 +376,12 @@ impl World {
         if let McAct::Activate(activation) = &mut act {
             self.plant_bug(mc, activation);
         }
+        if let McAct::RunAction { action, .. } = &mut act
+            && self.has(Canary::TrapPassedOn)
+        {
+            *action = 0; // normal logic goes on, and what made it trap is over
+            self.field.traps.clear();
+        }
         let Some(node) = &mut self.nodes[n] else {
             return;
         };
@@ -335,7 +397,7 @@ impl World {
         self.outcome(n, place, outcome);
     }
 
-    fn outcome(&mut self, n: usize, place: usize, outcome: ReplicaOutcome<ModelMc>) {
+    fn outcome(&mut self, n: usize, place: usize, outcome: ReplicaOutcome<SimMc>) {
         let Some(node) = &mut self.nodes[n] else {
             return;
         };
@@ -347,6 +409,9 @@ impl World {
             }
             ReplicaOutcome::Activate(active) => {
                 node.commands.push_back(ScanCommand::Activate(active));
+                let boot = node.owner.boot;
+                let at_us = self.now_us + self.dice(Pid::Node(n)).between(10, 300);
+                self.queue.push(at_us, Event::Ring { node: n, boot });
             }
             ReplicaOutcome::PassOn(act) => {
                 node.commands.push_back(ScanCommand::Act { mc: place, act });
@@ -379,6 +444,11 @@ impl World {
                 image: fam_proto::ImageNumber(0),
                 ..checkpoint
             }),
+            (Some(Canary::StartsCold), _) => {
+                activation.start = Start::Initial;
+                activation.recovery = 0;
+                None
+            }
             (Some(Canary::RecoverySkipped), _) => {
                 activation.recovery = 0;
                 None
@@ -393,15 +463,29 @@ impl World {
 
 impl NodeBody {
     fn tick(&mut self, now: Now) -> Vec<ScanOut> {
+        self.scan_thread(now, |core, now, thread| core.tick(now, thread))
+    }
+
+    fn between_ticks(&mut self, now: Now) -> Vec<ScanOut> {
+        self.scan_thread(now, |core, now, thread| core.start_at_once(now, thread))
+    }
+
+    /// The scan thread takes what has come, then does this.
+    fn scan_thread(
+        &mut self,
+        now: Now,
+        run: impl FnOnce(&mut ScanCore<SimMc>, Now, &mut Thread<'_>),
+    ) -> Vec<ScanOut> {
         let mut thread = Thread {
             cpu_ns: &mut self.cpu_ns,
             costs_ns: &self.costs_ns,
+            slow_ns: self.slow_ns,
             out: Vec::new(),
         };
         while let Some(command) = self.commands.pop_front() {
             self.scan.command(command, now, &mut thread);
         }
-        self.scan.tick(now, &mut thread);
+        run(&mut self.scan, now, &mut thread);
         thread.out
     }
 
@@ -426,6 +510,21 @@ impl NodeBody {
             overruns: self.overruns,
             ..NodeSample::default()
         })
+    }
+
+    /// Whether an instance is passive here and holds a checkpoint.
+    pub(super) fn holds(&self, mc: usize) -> bool {
+        let place = self.mcs.iter().position(|m| *m == mc);
+        let replica = place.map(|place| &self.replicas[place]);
+        replica.is_some_and(|r| r.runtime().is_some() && r.held().is_some())
+    }
+
+    /// The replica of an MC forgets all that it holds.
+    pub(super) fn wipe(&mut self, mc: usize, runtime: SimMc) {
+        if let Some(place) = self.mcs.iter().position(|m| *m == mc) {
+            let spec = self.replicas[place].spec().clone();
+            self.replicas[place] = Replica::new(spec, self.owner.clone(), runtime);
+        }
     }
 
     /// Planted bug: an image that shows this node as the owner of all that it runs.

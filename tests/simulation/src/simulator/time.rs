@@ -14,13 +14,15 @@ pub struct Queue<E> {
 #[derive(Debug)]
 struct Entry<E> {
     at_us: u64,
+    /// Faults come before all else of their moment, so that a recorded schedule repeats what an aimed one did.
+    late: bool,
     sequence: u64,
     event: E,
 }
 
 impl<E> PartialEq for Entry<E> {
     fn eq(&self, other: &Self) -> bool {
-        (self.at_us, self.sequence) == (other.at_us, other.sequence)
+        self.cmp(other).is_eq()
     }
 }
 impl<E> Eq for Entry<E> {}
@@ -31,7 +33,8 @@ impl<E> PartialOrd for Entry<E> {
 }
 impl<E> Ord for Entry<E> {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (self.at_us, self.sequence).cmp(&(other.at_us, other.sequence))
+        let key = |e: &Self| (e.at_us, e.late, e.sequence);
+        key(self).cmp(&key(other))
     }
 }
 
@@ -47,9 +50,19 @@ impl<E> Queue<E> {
 
     /// Lets something happen at a time.
     pub fn push(&mut self, at_us: u64, event: E) {
+        self.put(at_us, true, event);
+    }
+
+    /// Lets something happen at a time, before all that is put there by [`Queue::push`].
+    pub fn push_first(&mut self, at_us: u64, event: E) {
+        self.put(at_us, false, event);
+    }
+
+    fn put(&mut self, at_us: u64, late: bool, event: E) {
         self.sequence += 1;
         self.heap.push(Reverse(Entry {
             at_us,
+            late,
             sequence: self.sequence,
             event,
         }));
@@ -87,6 +100,13 @@ impl Clock {
         Now(self.start_us + passed.saturating_add_signed(drift))
     }
 
+    /// From a virtual time on it runs at another rate; what it shows then does not jump.
+    pub fn drift(&mut self, at_us: u64, fast_ppm: i64) {
+        self.start_us = self.local(at_us).0;
+        self.origin_us = self.origin_us.max(at_us);
+        self.fast_ppm = fast_ppm;
+    }
+
     /// The first virtual time at which the clock shows `now` or more.
     #[must_use]
     pub fn global(&self, now: Now) -> u64 {
@@ -114,8 +134,23 @@ mod tests {
         for (at, event) in [(5, 'b'), (3, 'a'), (5, 'c'), (5, 'd')] {
             queue.push(at, event);
         }
+        queue.push_first(5, 'f');
         let order: Vec<_> = std::iter::from_fn(|| queue.pop()).collect();
-        assert_eq!(order, [(3, 'a'), (5, 'b'), (5, 'c'), (5, 'd')]);
+        assert_eq!(order, [(3, 'a'), (5, 'f'), (5, 'b'), (5, 'c'), (5, 'd')]);
+    }
+
+    #[test]
+    fn a_clock_that_changes_its_rate_does_not_jump() {
+        let mut clock = Clock {
+            origin_us: 0,
+            start_us: 50,
+            fast_ppm: 0,
+        };
+        clock.drift(1_000_000, 30_000);
+        assert_eq!(clock.local(1_000_000), Now(1_000_050));
+        assert_eq!(clock.local(2_000_000), Now(2_030_050));
+        clock.drift(2_000_000, -30_000);
+        assert_eq!(clock.local(3_000_000), Now(3_000_050));
     }
 
     #[test]

@@ -2,17 +2,19 @@
 
 use super::canary::Canary;
 use super::cell::Cell;
-use super::faults::{Fault, schedule};
+use super::faults::{Fault, Target};
+use super::field::Field;
+use super::generate::{When, more, schedule};
 use super::log::Log;
-use super::manager::Store;
-use super::network::{Network, Pid};
+use super::manager::{Copy, Managing};
+use super::network::{Network, Pid, stream};
 use super::nodes::{NodeBody, ScanOut};
 use super::quiet::Quiet;
 use super::random::Random;
+use super::stages::{Matrix, Stage};
 use super::time::{Clock, Queue};
 use super::{Options, Outcome};
 use crate::invariants::{Invariants, Seen};
-use fam_agents::manager::ManagerAgents;
 use fam_gateway_core::{Gateway, MemoryRecords};
 use fam_proto::agent::{Agent, Input};
 use fam_proto::{AgentId, Applied, BootId, Command, Envelope, InputImage, McId, Message};
@@ -23,8 +25,17 @@ use std::sync::Arc;
 const EVENTS_AT_ONCE_MAX: u32 = 20_000;
 /// What a process that stands still has in its buffers at most; what comes later is lost.
 const STALLED_MAX: usize = 3_000;
-/// Boot ids are wall-clock times in production.
-pub(super) const FIRST_BOOT: u64 = 1_700_000_000_000_000;
+/// What wall clocks show at the beginning, in microseconds since 1970.
+pub(super) const WALL_US: u64 = 1_700_000_000_000_000;
+/// How often a manager's process tells its agents the wall clock, in microseconds.
+pub(super) const TELL_WALL_US: u64 = 1_000_000;
+/// When copies of the repository are put aside, in microseconds.
+const COPIES_AT_US: [u64; 6] = [
+    250_000, 1_000_000, 2_000_000, 3_500_000, 5_000_000, 6_500_000,
+];
+/// How often a schedule in which too little has happened goes on, and in which steps, in microseconds.
+const EXTENSIONS_MAX: u32 = 30;
+const EXTENSION_US: u64 = 500_000;
 
 /// What a link carries.
 #[derive(Debug, Clone)]
@@ -40,6 +51,8 @@ pub(super) enum Event {
     Timer { pid: Pid, boot: BootId },
     /// A tick of a node's scan thread.
     Tick { node: usize, boot: BootId },
+    /// A node's scan thread is rung for between its ticks: a command has come.
+    Ring { node: usize, boot: BootId },
     /// Something from a node's scan thread reaches its other threads.
     Inner {
         node: usize,
@@ -50,14 +63,28 @@ pub(super) enum Event {
     Deliver { to: Pid, packet: Packet },
     /// The field has answered the gateway.
     Field { boot: BootId },
+    /// Outputs that the gateway has written reach the field.
+    Write {
+        boot: BootId,
+        mc: usize,
+        outputs: Arc<[u8]>,
+    },
+    /// A manager's process tells its agents the wall clock.
+    Wall { pid: Pid, boot: BootId },
+    /// Somebody puts a copy of the repository aside.
+    Copy,
     /// An observer looks whether it still hears of a process.
     Tokens { observer: Pid, subject: Pid },
     /// A process starts.
     Start(Pid),
     /// A fault of the schedule begins.
     Fault(usize),
+    /// A fault begins to wait for its stage.
+    Aim(usize),
     /// It ends.
     Ends(usize),
+    /// Whether enough has happened.
+    Extend,
     /// The operator repeats a command that was not answered.
     Ask { id: u64 },
     /// The quiet time begins.
@@ -72,6 +99,9 @@ pub(super) enum Event {
 pub(super) struct Life {
     pub boot: BootId,
     pub clock: Clock,
+    /// How often it was started, this time included.
+    pub starts: u32,
+    pub started_us: u64,
     /// Since when it stands still.
     pub frozen_us: Option<u64>,
     /// When its agents' next deadline is due.
@@ -92,28 +122,62 @@ pub(super) struct World {
     pub now_us: u64,
     pub queue: Queue<Event>,
     pub random: Random,
+    /// Chances of each process: what happens elsewhere does not change them.
+    pub dice: BTreeMap<Pid, Random>,
     pub cell: Arc<Cell>,
     pub network: Network,
     pub lives: BTreeMap<Pid, Life>,
-    pub manager: Option<ManagerAgents>,
-    pub store: Store,
+    pub managing: Managing,
+    /// The second manager.
+    pub rival: Managing,
+    /// Copies of the repository, oldest first.
+    pub copies: Vec<Copy>,
+    /// The manager's machine is about to lose its power: whether what was not synced may be torn.
+    pub manager_power: Option<bool>,
+    /// How much the wall clock of a process's machine was set forward.
+    pub wall_steps_us: BTreeMap<Pid, i64>,
     pub gateway: Option<Gateway>,
     pub records: MemoryRecords,
     pub gateway_runs: u32,
     /// Opens that reached the gateway: whether one of the epoch was forced.
     pub forced: BTreeSet<(McId, fam_proto::Epoch)>,
     pub nodes: Vec<Option<NodeBody>>,
-    pub plant: Plant,
-    pub schedule: Vec<(u64, Fault)>,
+    pub field: Field,
+    /// When the last write reaches the field.
+    pub field_busy_us: u64,
+    /// The gateway dies in the middle of its next write of a head.
+    pub gateway_tears: bool,
+    pub schedule: Vec<(When, Fault)>,
+    /// Faults that wait for their stage: which, which stage, at whom, how long after.
+    pub aimed: Vec<(usize, Stage, Target, u64)>,
+    /// What was carried out, and when.
+    pub carried: Vec<(u64, Fault)>,
+    pub last_end_us: u64,
+    pub quiet_us: u64,
+    pub extensions: u32,
+    pub extras: Random,
+    pub matrix: Matrix,
+    /// Faults that came while a failover or a move was under way.
+    pub in_flight: u64,
     pub storms: Vec<(usize, super::network::Weather)>,
     pub manager_disk_fails: u32,
     pub gateway_disk_fails: u32,
     pub field_silent: u32,
     /// How many images to a node get lost, in a thousand, by fault.
     pub lost_images: BTreeMap<usize, (usize, u64)>,
+    /// How late images to a node come, by fault.
+    pub stale_images: BTreeMap<usize, (usize, u64)>,
+    /// How many frames to a node's replicas get lost, in a thousand, by fault.
+    pub lost_frames: BTreeMap<usize, (usize, u64)>,
     /// How late scan threads wake, by fault.
     pub late: BTreeMap<usize, (usize, u64)>,
-    pub boots: u64,
+    /// How much longer scans take, by fault.
+    pub slow: BTreeMap<usize, (usize, u64)>,
+    /// MCs of which a node has another version, by fault.
+    pub versions: BTreeMap<usize, (usize, usize)>,
+    /// Nodes that were asked to end, and how long they are to be down then.
+    pub terminated: BTreeMap<usize, u64>,
+    pub boots: BTreeSet<BootId>,
     pub commands: u64,
     /// Commands that nobody has answered yet.
     pub open_commands: BTreeMap<u64, Command>,
@@ -128,23 +192,18 @@ pub(super) struct World {
     pub events: u64,
 }
 
-/// The field as far as it is needed here: inputs change with time, logic may be made to trap.
-#[derive(Debug, Default)]
-pub(super) struct Plant {
-    pub reads: u64,
-    /// First input byte that makes the MC's logic trap.
-    pub traps: BTreeMap<usize, u8>,
-}
-
 impl World {
     pub(super) fn new(seed: u64, options: &Options) -> World {
         let mut choice = Random::new(seed, 1);
-        let cell = Cell::choose(&options.size, &mut choice);
-        let schedule = match &options.script {
-            Some(script) => script.clone(),
-            None => schedule(&cell, &options.trouble, &mut choice),
-        };
+        let cell = options.profile.cell(&mut choice);
         let lease_us = 1_000 * choice.between(150, 900);
+        let schedule = match &options.script {
+            Some(script) => script
+                .iter()
+                .map(|(at_us, fault)| (When::At(*at_us), fault.clone()))
+                .collect(),
+            None => schedule(&cell, &options.profile.trouble(), &mut choice),
+        };
         let cell = Arc::new(cell);
         let mut world = World {
             options: options.clone(),
@@ -152,28 +211,47 @@ impl World {
             now_us: 0,
             queue: Queue::new(),
             random: Random::new(seed, 2),
-            network: Network::new(lease_us),
+            dice: BTreeMap::new(),
+            network: Network::new(seed, lease_us),
             lives: BTreeMap::new(),
-            manager: None,
-            store: Store::new(&cell.model.cell),
+            managing: Managing::new(&cell.model.cell),
+            rival: Managing::new(&cell.model.cell),
+            copies: Vec::new(),
+            manager_power: None,
+            wall_steps_us: BTreeMap::new(),
             gateway: None,
             records: MemoryRecords::default(),
             gateway_runs: 0,
             forced: BTreeSet::new(),
             nodes: (0..cell.controllers.len()).map(|_| None).collect(),
-            plant: Plant::default(),
+            field: options.profile.field(seed),
+            field_busy_us: 0,
+            gateway_tears: false,
             schedule,
+            aimed: Vec::new(),
+            carried: Vec::new(),
+            last_end_us: 0,
+            quiet_us: 0,
+            extensions: 0,
+            extras: Random::new(seed, 3),
+            matrix: Matrix::default(),
+            in_flight: 0,
             storms: Vec::new(),
             manager_disk_fails: 0,
             gateway_disk_fails: 0,
             field_silent: 0,
             lost_images: BTreeMap::new(),
+            stale_images: BTreeMap::new(),
+            lost_frames: BTreeMap::new(),
             late: BTreeMap::new(),
-            boots: FIRST_BOOT,
+            slow: BTreeMap::new(),
+            versions: BTreeMap::new(),
+            terminated: BTreeMap::new(),
+            boots: BTreeSet::new(),
             commands: 0,
             open_commands: BTreeMap::new(),
             applied: Vec::new(),
-            invariants: Invariants::new(cell.clone()),
+            invariants: Invariants::new(cell.clone(), options.only),
             log: Log::new(options.log),
             faults: BTreeMap::new(),
             deeds: BTreeMap::new(),
@@ -188,19 +266,25 @@ impl World {
 
     fn begin(&mut self) {
         for pid in self.pids() {
-            let at_us = if self.random.chance(300) {
-                self.random.below(250_000)
+            let dice = self.dice(pid);
+            let at_us = if dice.chance(300) {
+                dice.below(250_000)
             } else {
-                self.random.below(5_000)
+                dice.below(5_000)
             };
             self.queue.push(at_us, Event::Start(pid));
         }
-        let mut end_us = self.options.trouble.to_us;
-        for (n, (at_us, fault)) in self.schedule.iter().enumerate() {
-            self.queue.push(*at_us, Event::Fault(n));
-            end_us = end_us.max(fault.ends_us(*at_us));
+        let mut extend_us = 0;
+        for n in 0..self.schedule.len() {
+            extend_us = extend_us.max(self.plan(n));
         }
-        self.queue.push(end_us + 50_000, Event::Quiet);
+        if self.options.script.is_none() {
+            extend_us = self.options.profile.trouble().to_us;
+        }
+        self.queue.push(extend_us, Event::Extend);
+        for at_us in COPIES_AT_US {
+            self.queue.push(at_us, Event::Copy);
+        }
         let (cell, schedule) = (&self.cell, &self.schedule);
         self.log.line(0, || {
             let mcs: Vec<String> = cell
@@ -225,12 +309,57 @@ impl World {
         });
     }
 
+    /// Lets a fault of the schedule come in its time; which time.
+    fn plan(&mut self, n: usize) -> u64 {
+        match self.schedule[n].0 {
+            When::At(at_us) => {
+                self.queue.push_first(at_us, Event::Fault(n));
+                at_us
+            }
+            When::Aimed { from_us, .. } => {
+                self.queue.push(from_us, Event::Aim(n));
+                from_us
+            }
+        }
+    }
+
+    /// The schedule has come to its end: what waits for its stage waits no longer, and if too little has happened, more comes.
+    fn extend(&mut self) {
+        let trouble = self.options.profile.trouble();
+        let enough = self.carried.len() as u64 >= trouble.faults.0 && self.in_flight > 0;
+        if enough || self.options.script.is_some() || self.extensions >= EXTENSIONS_MAX {
+            self.aimed.clear();
+            self.quiet_us = match self.options.quiet_us {
+                Some(quiet_us) => quiet_us.max(self.now_us),
+                None => self.last_end_us.max(self.now_us) + 50_000,
+            };
+            self.queue.push(self.quiet_us, Event::Quiet);
+            return;
+        }
+        self.extensions += 1;
+        for fault in more(&self.cell, &trouble, self.now_us, &mut self.extras) {
+            self.schedule.push(fault);
+            self.plan(self.schedule.len() - 1);
+        }
+        self.queue.push(self.now_us + EXTENSION_US, Event::Extend);
+    }
+
+    /// The chances of a process.
+    pub(super) fn dice(&mut self, pid: Pid) -> &mut Random {
+        let seed = self.seed;
+        self.dice
+            .entry(pid)
+            .or_insert_with(|| Random::new(seed, 1_000 + stream(pid)))
+    }
+
     /// All processes of the cell.
     pub(super) fn pids(&self) -> Vec<Pid> {
         let nodes = (0..self.nodes.len()).map(Pid::Node);
+        let rival = self.lives.contains_key(&Pid::Rival).then_some(Pid::Rival);
         [Pid::Manager, Pid::Gateway]
             .into_iter()
             .chain(nodes)
+            .chain(rival)
             .collect()
     }
 
@@ -255,6 +384,11 @@ impl World {
             violations: self.invariants.violations().to_vec(),
             faults: self.faults,
             deeds: self.deeds,
+            carried: self.carried,
+            quiet_us: self.quiet_us,
+            matrix: self.matrix,
+            in_flight: self.in_flight,
+            products: self.field.products(),
             events: self.events,
             virtual_us: self.now_us,
             recovered_us,
@@ -291,12 +425,32 @@ impl World {
         };
         let (kind, detail) = mark(&event);
         self.log.mark(self.now_us, kind, detail);
+        let aims = matches!(
+            event,
+            Event::Timer { .. }
+                | Event::Inner {
+                    out: ScanOut::News(..),
+                    ..
+                }
+                | Event::Deliver {
+                    packet: Packet::Message(_),
+                    ..
+                }
+                | Event::Start(_)
+                | Event::Aim(_)
+        );
         match event {
             Event::Timer { pid, boot } => self.timer(pid, boot),
             Event::Tick { node, boot } => self.tick(node, boot),
+            Event::Ring { node, boot } => self.ring(node, boot),
             Event::Inner { node, boot, out } => self.inner(node, boot, out),
             Event::Deliver { to, packet } => self.deliver(to, packet),
             Event::Field { boot } => self.field(boot),
+            Event::Write { boot, mc, outputs } => self.written(boot, mc, &outputs),
+            Event::Wall { pid, boot } => self.tell_wall(pid, boot),
+            Event::Copy => self.copy_repository(),
+            Event::Aim(n) => self.wait_for_stage(n),
+            Event::Extend => self.extend(),
             Event::Tokens { observer, subject } => self.tokens(observer, subject),
             Event::Start(pid) => self.start(pid),
             Event::Fault(n) => self.fault(n),
@@ -306,13 +460,18 @@ impl World {
             Event::Operator => self.operator(),
             Event::Check => self.check(),
         }
+        if aims && !self.aimed.is_empty() {
+            self.take_aim();
+        }
     }
 
     /// What happens to a process that stands still waits until it goes on.
     fn held_back(&mut self, event: Event) -> Option<Event> {
         let pid = match &event {
-            Event::Timer { pid, .. } => *pid,
-            Event::Tick { node, .. } | Event::Inner { node, .. } => Pid::Node(*node),
+            Event::Timer { pid, .. } | Event::Wall { pid, .. } => *pid,
+            Event::Tick { node, .. } | Event::Ring { node, .. } | Event::Inner { node, .. } => {
+                Pid::Node(*node)
+            }
             Event::Deliver { to, .. } => *to,
             Event::Field { .. } => Pid::Gateway,
             Event::Tokens { observer, .. } => *observer,
@@ -345,11 +504,11 @@ impl World {
         life.scheduled_us = None;
         let now = self.local(pid);
         match pid {
-            Pid::Manager => {
-                if let Some(manager) = &mut self.manager {
+            Pid::Manager | Pid::Rival => {
+                if let Some(manager) = &mut self.side(pid).agents {
                     manager.handle_timeout(now);
                 }
-                self.carry_out_manager();
+                self.carry_out_manager(pid);
             }
             Pid::Gateway => {
                 if let Some(gateway) = &mut self.gateway {
@@ -370,7 +529,8 @@ impl World {
     /// Looks after a process's next deadline; after each input.
     pub(super) fn arm(&mut self, pid: Pid) {
         let deadline = match pid {
-            Pid::Manager => self.manager.as_ref().and_then(Agent::poll_timeout),
+            Pid::Manager => self.managing.agents.as_ref().and_then(Agent::poll_timeout),
+            Pid::Rival => self.rival.agents.as_ref().and_then(Agent::poll_timeout),
             Pid::Gateway => self.gateway.as_ref().and_then(Agent::poll_timeout),
             Pid::Node(n) => self.nodes[n].as_ref().and_then(|b| b.agents.poll_timeout()),
             Pid::Operator => None,
@@ -411,10 +571,26 @@ impl World {
         self.transmit(from, to, Packet::Message(Box::new(envelope)));
     }
 
+    /// Both managers of a cell listen at the same place.
     pub(super) fn transmit(&mut self, from: Pid, to: Pid, packet: Packet) {
-        let arrivals = self
-            .network
-            .arrivals(from, to, self.now_us, &mut self.random);
+        if to == Pid::Manager && self.rival.agents.is_some() {
+            self.put_on_link(from, Pid::Rival, packet.clone());
+        }
+        self.put_on_link(from, to, packet);
+    }
+
+    /// As [`World::transmit`], and later.
+    pub(super) fn send_late(&mut self, from: Pid, to: Pid, packet: Packet, by_us: u64) {
+        let arrivals = self.network.arrivals(from, to, self.now_us);
+        for at_us in arrivals.into_iter().flatten() {
+            let packet = packet.clone();
+            self.queue
+                .push(at_us + by_us, Event::Deliver { to, packet });
+        }
+    }
+
+    fn put_on_link(&mut self, from: Pid, to: Pid, packet: Packet) {
+        let arrivals = self.network.arrivals(from, to, self.now_us);
         for at_us in arrivals.into_iter().flatten() {
             let packet = packet.clone();
             self.queue.push(at_us, Event::Deliver { to, packet });
@@ -426,8 +602,12 @@ impl World {
             return;
         }
         match (to, packet) {
-            (Pid::Manager, Packet::Message(m)) => self.manager_input(Input::Message(*m)),
-            (Pid::Manager, Packet::Image(i)) => self.manager_input(Input::Image(i)),
+            (Pid::Manager | Pid::Rival, Packet::Message(m)) => {
+                self.manager_input(to, Input::Message(*m));
+            }
+            (Pid::Manager | Pid::Rival, Packet::Image(i)) => {
+                self.manager_input(to, Input::Image(i));
+            }
             (Pid::Gateway, Packet::Message(m)) => self.gateway_message(*m),
             (Pid::Gateway, Packet::Frame(_, bytes)) => self.gateway_frame(bytes),
             (Pid::Node(n), Packet::Message(m)) => self.node_input(n, Input::Message(*m)),
@@ -437,7 +617,7 @@ impl World {
                 self.note(|| format!("operator hears: {}", words(&m)));
                 self.answered(&m);
             }
-            (Pid::Manager, Packet::Frame(..))
+            (Pid::Manager | Pid::Rival, Packet::Frame(..))
             | (Pid::Gateway, Packet::Image(_))
             | (Pid::Operator, _) => {}
         }
@@ -461,11 +641,13 @@ fn mark(event: &Event) -> (u64, u64) {
         Pid::Manager => 1,
         Pid::Gateway => 2,
         Pid::Operator => 3,
-        Pid::Node(n) => 4 + *n as u64,
+        Pid::Rival => 4,
+        Pid::Node(n) => 5 + *n as u64,
     };
     match event {
         Event::Timer { pid: p, boot } => (1, pid(p) ^ boot.0),
         Event::Tick { node, boot } => (2, *node as u64 ^ boot.0),
+        Event::Ring { node, boot } => (19, *node as u64 ^ boot.0),
         Event::Inner { node, out, .. } => (3, *node as u64 ^ (out.kind() << 8)),
         Event::Deliver { to, packet } => match packet {
             Packet::Message(m) => (4, pid(to) ^ m.boot.0),
@@ -484,6 +666,11 @@ fn mark(event: &Event) -> (u64, u64) {
         Event::Operator => (13, 0),
         Event::Check => (14, 0),
         Event::Ask { id } => (15, *id),
+        Event::Write { boot, mc, .. } => (16, boot.0 ^ *mc as u64),
+        Event::Wall { pid: p, boot } => (17, pid(p) ^ boot.0),
+        Event::Copy => (18, 0),
+        // Not in a recorded schedule.
+        Event::Aim(_) | Event::Extend => (0, 0),
     }
 }
 

@@ -1,0 +1,258 @@
+//! The files of a model: read from its folder or out of its container, with a limit on their size.
+//!
+//! An AutomationML model may come from anybody, so that what it refers to stays within its folder. A `cell.toml` is written
+//! by whoever runs it and may name any file.
+
+use std::collections::BTreeMap;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Largest file that is read, in bytes.
+pub const FILE_BYTES_MAX: u64 = 64 << 20;
+
+/// Why a file could not be had.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum FileError {
+    /// It lies outside.
+    #[error("`{0}` leaves the model's folder")]
+    Leaves(String),
+    /// Not there, or not readable.
+    #[error("`{path}` cannot be read: {why}")]
+    Unreadable {
+        /// As the model names it.
+        path: String,
+        /// What the system says.
+        why: String,
+    },
+    /// Too large.
+    #[error("`{path}` has {mb} MB, more than the {max_mb} MB that are read")]
+    TooLarge {
+        /// As the model names it.
+        path: String,
+        /// Its size.
+        mb: u64,
+        /// The limit.
+        max_mb: u64,
+    },
+    /// Not a text.
+    #[error("`{0}` is no text in UTF-8")]
+    NotText(String),
+}
+
+impl FileError {
+    /// What to do.
+    #[must_use]
+    pub fn hint(&self) -> &'static str {
+        match self {
+            FileError::Leaves(_) => {
+                "copy the file into the model's folder, or move the model up to the folder that holds both"
+            }
+            FileError::Unreadable { .. } => {
+                "paths are relative to the file that names them, also after `file:///`"
+            }
+            FileError::TooLarge { .. } => "divide it, or leave out what is no control logic",
+            FileError::NotText(_) => "save it as UTF-8",
+        }
+    }
+}
+
+/// Where a model's files are.
+#[derive(Debug, Clone)]
+pub struct ModelFiles {
+    place: Place,
+    /// Files that were made from others, by their name.
+    made: BTreeMap<String, String>,
+}
+
+#[derive(Debug, Clone)]
+enum Place {
+    /// A folder; with TRUE nothing outside it is read.
+    Folder(PathBuf, bool),
+    /// Parts of a container, by their normalised path.
+    Parts(Arc<BTreeMap<String, Vec<u8>>>),
+}
+
+impl ModelFiles {
+    /// Of a folder, and of whatever a path leads to from there.
+    #[must_use]
+    pub fn anywhere(folder: &Path) -> ModelFiles {
+        ModelFiles {
+            place: Place::Folder(folder.to_owned(), false),
+            made: BTreeMap::new(),
+        }
+    }
+
+    /// Of a folder and the ones below it.
+    #[must_use]
+    pub fn within(folder: &Path) -> ModelFiles {
+        ModelFiles {
+            place: Place::Folder(folder.to_owned(), true),
+            made: BTreeMap::new(),
+        }
+    }
+
+    /// Of a container.
+    #[must_use]
+    pub fn parts(parts: BTreeMap<String, Vec<u8>>) -> ModelFiles {
+        ModelFiles {
+            place: Place::Parts(Arc::new(parts)),
+            made: BTreeMap::new(),
+        }
+    }
+
+    /// Adds a file that stands nowhere.
+    pub fn make(&mut self, name: &str, text: String) {
+        self.made.insert(name.to_owned(), text);
+    }
+
+    /// A text, without a byte order mark.
+    ///
+    /// # Errors
+    /// [`FileError`].
+    pub fn read(&self, path: &str) -> Result<String, FileError> {
+        if let Some(made) = self.made.get(path) {
+            return Ok(made.clone());
+        }
+        let bytes = self.bytes(path)?;
+        let mut text = String::from_utf8(bytes).map_err(|_| FileError::NotText(path.to_owned()))?;
+        if text.starts_with('\u{feff}') {
+            text.drain(..'\u{feff}'.len_utf8());
+        }
+        Ok(text)
+    }
+
+    fn bytes(&self, path: &str) -> Result<Vec<u8>, FileError> {
+        match &self.place {
+            Place::Parts(parts) => {
+                let name = join("", path)?;
+                let found = parts.get(&name).ok_or_else(|| FileError::Unreadable {
+                    path: path.to_owned(),
+                    why: "the container has no such part".to_owned(),
+                })?;
+                Ok(found.clone())
+            }
+            Place::Folder(folder, false) => bounded(&folder.join(path), path),
+            Place::Folder(folder, true) => {
+                let inside = folder.join(join("", path)?);
+                let unreadable = |e: std::io::Error| FileError::Unreadable {
+                    path: path.to_owned(),
+                    why: e.to_string(),
+                };
+                // A symbolic link may lead out of a folder that the path does not leave.
+                let base = if folder.as_os_str().is_empty() {
+                    Path::new(".")
+                } else {
+                    folder
+                };
+                let real = inside.canonicalize().map_err(unreadable)?;
+                if !real.starts_with(base.canonicalize().map_err(unreadable)?) {
+                    return Err(FileError::Leaves(path.to_owned()));
+                }
+                bounded(&real, path)
+            }
+        }
+    }
+}
+
+/// Reads a file that is not larger than [`FILE_BYTES_MAX`].
+fn bounded(file: &Path, path: &str) -> Result<Vec<u8>, FileError> {
+    let unreadable = |e: std::io::Error| FileError::Unreadable {
+        path: path.to_owned(),
+        why: e.to_string(),
+    };
+    let opened = std::fs::File::open(file).map_err(unreadable)?;
+    let len = opened.metadata().map_err(unreadable)?.len();
+    let too_large = |len: u64| FileError::TooLarge {
+        path: path.to_owned(),
+        mb: len >> 20,
+        max_mb: FILE_BYTES_MAX >> 20,
+    };
+    if len > FILE_BYTES_MAX {
+        return Err(too_large(len));
+    }
+    let mut bytes = Vec::new();
+    // A device or a growing file says less than it has.
+    let read = opened
+        .take(FILE_BYTES_MAX + 1)
+        .read_to_end(&mut bytes)
+        .map_err(unreadable)?;
+    if read as u64 > FILE_BYTES_MAX {
+        return Err(too_large(read as u64));
+    }
+    Ok(bytes)
+}
+
+/// A path that stands in a file of the folder `from` as one relative to the model's folder: `/` between parts, no `.` and no `..`.
+///
+/// # Errors
+/// [`FileError::Leaves`].
+pub fn join(from: &str, path: &str) -> Result<String, FileError> {
+    let leaves = || FileError::Leaves(path.to_owned());
+    let drive = path.as_bytes().get(1) == Some(&b':');
+    if path.starts_with('/') || drive || path.contains('\0') {
+        return Err(leaves());
+    }
+    let mut parts: Vec<&str> = from.split('/').filter(|p| !p.is_empty()).collect();
+    for part in path.split('/') {
+        match part {
+            "" | "." => {}
+            ".." => {
+                parts.pop().ok_or_else(leaves)?;
+            }
+            name => parts.push(name),
+        }
+    }
+    Ok(parts.join("/"))
+}
+
+/// The folder of a path.
+#[must_use]
+pub fn folder_of(path: &str) -> &str {
+    path.rsplit_once('/').map_or("", |(folder, _)| folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_normalised_and_kept_inside() {
+        assert_eq!(join("", "logic/./a.xml").unwrap(), "logic/a.xml");
+        assert_eq!(join("lib", "../logic//a.xml").unwrap(), "logic/a.xml");
+        for path in ["../a.xml", "a/../../b.xml", "/etc/passwd", "C:/a.xml"] {
+            assert_eq!(join("", path), Err(FileError::Leaves(path.to_owned())));
+        }
+    }
+
+    #[test]
+    fn a_link_out_of_the_folder_is_not_followed() {
+        let outside = tempfile::tempdir().unwrap();
+        std::fs::write(outside.path().join("secret"), "x").unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink(outside.path(), folder.path().join("link")).unwrap();
+        let files = ModelFiles::within(folder.path());
+        assert_eq!(
+            files.read("link/secret"),
+            Err(FileError::Leaves("link/secret".to_owned()))
+        );
+        assert_eq!(
+            ModelFiles::anywhere(folder.path()).read("link/secret"),
+            Ok("x".to_owned())
+        );
+    }
+
+    #[test]
+    fn a_file_that_is_too_large_is_refused_before_it_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = std::fs::File::create(folder.path().join("big.xml")).unwrap();
+        file.set_len(300 << 20).unwrap();
+        let error = ModelFiles::within(folder.path())
+            .read("big.xml")
+            .unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "`big.xml` has 300 MB, more than the 64 MB that are read"
+        );
+    }
+}

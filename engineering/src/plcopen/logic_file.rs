@@ -1,0 +1,122 @@
+//! Logic as an ordinary PLCopen project: a whole file, or what one program of it needs.
+
+use super::unit::{self, Renames};
+use super::xml::Xml;
+use super::{comments, head, identifier};
+use fam_soft_plc::source::{SourceFile, Span};
+use fam_soft_plc::syntax::ast::{Configuration, Project};
+use std::collections::BTreeSet;
+
+/// Which declarations go into a file; names in upper case.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// POUs.
+    pub pous: BTreeSet<String>,
+    /// Global variables.
+    pub globals: BTreeSet<String>,
+}
+
+/// Writes a project. Comments of Structured Text become documentation; `None` takes everything.
+#[must_use]
+pub fn write(
+    name: &str,
+    project: &Project,
+    sources: &[SourceFile],
+    selection: Option<&Selection>,
+) -> String {
+    let comment_of = |span: Span| comments::of(&project.sources, span);
+    let wanted = |list: fn(&Selection) -> &BTreeSet<String>, name: &str| {
+        selection.is_none_or(|s| list(s).contains(&name.to_ascii_uppercase()))
+    };
+    let mut xml = Xml::new();
+    let about: Vec<String> = sources
+        .iter()
+        .filter(|s| !s.text.trim_start().starts_with('<'))
+        .filter_map(|s| comments::of_file(&s.text))
+        .collect();
+    let about = about.join("\n\n");
+    head(
+        &mut xml,
+        "logic of a mechatronic component",
+        name,
+        (!about.is_empty()).then_some(about.as_str()),
+    );
+    let items = unit::items_with(project, &Renames::new(), &comment_of);
+    xml.open("types", &[]);
+    for (element, is_type) in [("dataTypes", true), ("pous", false)] {
+        xml.open(element, &[]);
+        for item in items.iter().filter(|i| i.is_type == is_type) {
+            if is_type || wanted(|s| &s.pous, &item.original) {
+                xml.raw(&item.xml);
+            }
+        }
+        xml.close();
+    }
+    xml.close();
+    xml.open("instances", &[]);
+    xml.open("configurations", &[]);
+    let has_globals = project
+        .globals
+        .iter()
+        .flat_map(|b| &b.decls)
+        .any(|d| wanted(|s| &s.globals, &d.name.name));
+    if selection.is_none() && !project.configurations.is_empty() {
+        for (index, configuration) in project.configurations.iter().enumerate() {
+            configured(&mut xml, project, configuration, index == 0);
+        }
+    } else if has_globals {
+        xml.open("configuration", &[("name", &identifier(name))]);
+        unit::globals_with(&mut xml, project, &Renames::new(), &comment_of, &|n| {
+            wanted(|s| &s.globals, n)
+        });
+        xml.close();
+    }
+    xml.close();
+    xml.close();
+    xml.close();
+    xml.finish()
+}
+
+/// A configuration of the project with its tasks and instances; the global variables go into the first.
+fn configured(xml: &mut Xml, project: &Project, configuration: &Configuration, first: bool) {
+    let comment_of = |span: Span| comments::of(&project.sources, span);
+    xml.open("configuration", &[("name", &configuration.name)]);
+    for resource in &configuration.resources {
+        xml.open("resource", &[("name", &resource.name)]);
+        for task in &resource.tasks {
+            let interval = task.interval_ns.map(fam_soft_plc::value::format_time);
+            let priority = task.priority.to_string();
+            let mut attributes = vec![("name", task.name.as_str())];
+            if let Some(interval) = &interval {
+                attributes.push(("interval", interval));
+            }
+            if let Some(single) = &task.single {
+                attributes.push(("single", single));
+            }
+            attributes.push(("priority", &priority));
+            xml.open("task", &attributes);
+            for instance in resource
+                .instances
+                .iter()
+                .filter(|i| i.task.as_ref() == Some(&task.name))
+            {
+                xml.empty(
+                    "pouInstance",
+                    &[("name", &instance.name), ("typeName", &instance.program)],
+                );
+            }
+            xml.close();
+        }
+        for instance in resource.instances.iter().filter(|i| i.task.is_none()) {
+            xml.empty(
+                "pouInstance",
+                &[("name", &instance.name), ("typeName", &instance.program)],
+            );
+        }
+        xml.close();
+    }
+    if first {
+        unit::globals_with(xml, project, &Renames::new(), &comment_of, &|_| true);
+    }
+    xml.close();
+}

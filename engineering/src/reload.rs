@@ -1,0 +1,413 @@
+//! Two versions of a cell: what changed for which MC, and how the state of a changed one is carried over.
+//!
+//! State is carried over by name and type: a variable of the new version takes its bytes from the variable of the same path
+//! and the same type in the old one; what is new, or of another type, starts from its initial value; what is gone is left
+//! behind. All of that is listed, so that a person can confirm it before anything happens.
+
+use crate::build::{BuiltCell, BuiltMc};
+use fam_proto::McId;
+use fam_proto::model::McModel;
+use fam_soft_plc::layout::{Area, TypeNode, VariableInfo};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// What becomes of the state of an MC.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct StateChange {
+    /// Variables that keep their values.
+    pub kept: usize,
+    /// Variables that only the new version has.
+    pub new: Vec<String>,
+    /// Variables that only the old version has.
+    pub gone: Vec<String>,
+    /// Variables of another type: path, old and new type.
+    pub retyped: Vec<(String, String, String)>,
+    /// Whether the layout is the same to the byte.
+    pub same_layout: bool,
+}
+
+impl StateChange {
+    /// Whether no value is lost and none is new.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.new.is_empty() && self.gone.is_empty() && self.retyped.is_empty()
+    }
+}
+
+/// What changed for an MC.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum McChange {
+    /// Only the new version has it.
+    Added,
+    /// Only the old version has it.
+    Removed,
+    /// Runs on untouched: logic, layout, masks, inputs and outputs are the same.
+    Same,
+    /// The MC itself is the same; where it may run or how it is watched is not.
+    Settings(Vec<String>),
+    /// Stopped at a non-critical state, carried over and started.
+    Changed {
+        /// What changed.
+        what: Vec<String>,
+        /// What becomes of its state.
+        state: StateChange,
+    },
+}
+
+/// What changed between two versions of a cell.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CellChange {
+    /// MCs of both versions.
+    pub mcs: BTreeMap<McId, McChange>,
+    /// Controllers and gateways, settings, the cell itself: one sentence each.
+    pub cell: Vec<String>,
+}
+
+/// Compares two versions.
+#[must_use]
+pub fn compare(old: &BuiltCell, new: &BuiltCell) -> CellChange {
+    let mut mcs = BTreeMap::new();
+    for (model, built) in old.model.mcs.iter().zip(&old.mcs) {
+        let change = match (new.model.mc(&model.mc), new.mc(&model.mc)) {
+            (Some(new_model), Some(new_built)) => mc_change((model, built), (new_model, new_built)),
+            _ => McChange::Removed,
+        };
+        mcs.insert(model.mc.clone(), change);
+    }
+    for mc in &new.mcs {
+        mcs.entry(mc.mc.clone()).or_insert(McChange::Added);
+    }
+    CellChange {
+        mcs,
+        cell: cell_changes(old, new),
+    }
+}
+
+fn cell_changes(old: &BuiltCell, new: &BuiltCell) -> Vec<String> {
+    let (old, new) = (&old.model, &new.model);
+    let mut list = Vec::new();
+    if old.cell != new.cell {
+        list.push(format!(
+            "the cell is called {} instead of {}",
+            new.cell, old.cell
+        ));
+    }
+    for controller in &old.controllers {
+        match new
+            .controllers
+            .iter()
+            .find(|c| c.controller == controller.controller)
+        {
+            None => list.push(format!("controller {} is gone", controller.controller)),
+            Some(other) if other != controller => {
+                list.push(format!(
+                    "controller {} has other properties",
+                    controller.controller
+                ));
+            }
+            Some(_) => {}
+        }
+    }
+    for controller in &new.controllers {
+        if !old
+            .controllers
+            .iter()
+            .any(|c| c.controller == controller.controller)
+        {
+            list.push(format!("controller {} is new", controller.controller));
+        }
+    }
+    for gateway in &old.gateways {
+        match new.gateways.iter().find(|g| g.gateway == gateway.gateway) {
+            None => list.push(format!("gateway {} is gone", gateway.gateway)),
+            Some(other) if other != gateway => {
+                list.push(format!(
+                    "gateway {} has another driver, address or tick",
+                    gateway.gateway
+                ));
+            }
+            Some(_) => {}
+        }
+    }
+    for gateway in &new.gateways {
+        if !old.gateways.iter().any(|g| g.gateway == gateway.gateway) {
+            list.push(format!("gateway {} is new", gateway.gateway));
+        }
+    }
+    if old.settings != new.settings {
+        list.push("the settings of the agents are others".to_owned());
+    }
+    list
+}
+
+fn mc_change(old: (&McModel, &BuiltMc), new: (&McModel, &BuiltMc)) -> McChange {
+    let ((old_model, old_built), (new_model, new_built)) = (old, new);
+    let mut what = Vec::new();
+    if old_built.compiled.logic_hash != new_built.compiled.logic_hash {
+        what.push("logic".to_owned());
+    }
+    if old_model.layout != new_model.layout {
+        what.push("state layout".to_owned());
+    }
+    if old_model.diagnosis != new_model.diagnosis || old_built.intervals != new_built.intervals {
+        what.push("critical intervals".to_owned());
+    }
+    if old_model.inputs != new_model.inputs {
+        what.push("inputs".to_owned());
+    }
+    if old_model.outputs != new_model.outputs || old_model.fail_safe != new_model.fail_safe {
+        what.push("outputs".to_owned());
+    }
+    if old_model.cycle_us != new_model.cycle_us {
+        what.push("cycle".to_owned());
+    }
+    if old_model.gateway != new_model.gateway {
+        what.push("gateway".to_owned());
+    }
+    if !what.is_empty() {
+        return McChange::Changed {
+            what,
+            state: state_change(old_built, new_built),
+        };
+    }
+    let mut settings = Vec::new();
+    for (name, is_same) in [
+        ("hosts", old_model.hosts == new_model.hosts),
+        (
+            "criticality",
+            old_model.criticality == new_model.criticality,
+        ),
+        (
+            "worst-case load",
+            old_model.worst_case_us == new_model.worst_case_us,
+        ),
+        ("watchdog", old_model.watchdog_us == new_model.watchdog_us),
+        ("suspect time", old_model.suspect_us == new_model.suspect_us),
+    ] {
+        if !is_same {
+            settings.push(name.to_owned());
+        }
+    }
+    if settings.is_empty() {
+        McChange::Same
+    } else {
+        McChange::Settings(settings)
+    }
+}
+
+/// The variables of an MC's state, arrays whole.
+fn state_of(mc: &BuiltMc) -> impl Iterator<Item = &VariableInfo> {
+    let layout = &mc.compiled.layout;
+    let state = layout
+        .region_index(crate::generate::REGION_STATE)
+        .map(Area::Region);
+    layout
+        .variables
+        .iter()
+        .filter(move |v| Some(v.area) == state)
+}
+
+/// IEC names ignore case; the MC's own name stands in front of what its program declares.
+fn key(variable: &VariableInfo) -> String {
+    variable.path.to_ascii_uppercase()
+}
+
+/// Whether the bytes of one mean the same in the other.
+fn same_type(a: &TypeNode, b: &TypeNode) -> bool {
+    match (a, b) {
+        (TypeNode::Elem(a), TypeNode::Elem(b)) => a == b,
+        (
+            TypeNode::Enum { base, values, .. },
+            TypeNode::Enum {
+                base: other_base,
+                values: others,
+                ..
+            },
+        ) => {
+            // A value keeps its meaning if its name keeps its number; more values do no harm.
+            base == other_base
+                && values.iter().all(|(name, number)| {
+                    others
+                        .iter()
+                        .any(|(n, v)| n.eq_ignore_ascii_case(name) && v == number)
+                })
+        }
+        (
+            TypeNode::Subrange { base, lo, hi },
+            TypeNode::Subrange {
+                base: b,
+                lo: l,
+                hi: h,
+            },
+        ) => base == b && l <= lo && hi <= h,
+        (
+            TypeNode::Array { dims, stride, elem },
+            TypeNode::Array {
+                dims: other_dims,
+                stride: other_stride,
+                elem: other_elem,
+            },
+        ) => dims == other_dims && stride == other_stride && same_type(elem, other_elem),
+        (TypeNode::Struct { fields, .. }, TypeNode::Struct { fields: others, .. }) => {
+            fields.len() == others.len()
+                && fields.iter().zip(others).all(|(a, b)| {
+                    a.name.eq_ignore_ascii_case(&b.name)
+                        && a.offset == b.offset
+                        && a.len == b.len
+                        && same_type(&a.ty, &b.ty)
+                })
+        }
+        _ => false,
+    }
+}
+
+/// What becomes of the state of an MC.
+#[must_use]
+pub fn state_change(old: &BuiltMc, new: &BuiltMc) -> StateChange {
+    let before: BTreeMap<String, &VariableInfo> = state_of(old).map(|v| (key(v), v)).collect();
+    let mut change = StateChange {
+        same_layout: old.compiled.layout.hash() == new.compiled.layout.hash(),
+        ..StateChange::default()
+    };
+    let mut found = std::collections::BTreeSet::new();
+    for variable in state_of(new) {
+        let key = key(variable);
+        match before.get(&key) {
+            None => change.new.push(variable.path.clone()),
+            Some(old) if same_type(&old.ty, &variable.ty) && old.len == variable.len => {
+                change.kept += 1
+            }
+            Some(old) => change.retyped.push((
+                variable.path.clone(),
+                crate::build::type_name(&old.ty),
+                crate::build::type_name(&variable.ty),
+            )),
+        }
+        found.insert(key);
+    }
+    change.gone = before
+        .iter()
+        .filter(|(key, _)| !found.contains(*key))
+        .map(|(_, v)| v.path.clone())
+        .collect();
+    change
+}
+
+/// Why a state cannot be carried over.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CarryError {
+    /// Not a checkpoint of the old version.
+    #[error(
+        "the checkpoint has {found} bytes, one of the old version has {expected}; read it from the controller that runs the MC"
+    )]
+    Length {
+        /// Its length.
+        found: usize,
+        /// Length of the old version's.
+        expected: usize,
+    },
+    /// In a critical interval or a recovery nobody may exchange the logic.
+    #[error("the state is in the critical interval {0}; wait until the MC has left it")]
+    Critical(String),
+    /// A recovery action runs.
+    #[error("a recovery action runs (number {0}); wait until it has ended")]
+    Recovering(u16),
+}
+
+/// A checkpoint of the new version from one of the old: values by name and type, the rest initial. The control variables start
+/// as those of an MC that is not active; its activation sets them.
+///
+/// # Errors
+/// [`CarryError`] for a checkpoint of another layout, or one in a critical interval of the old version or of the new one.
+pub fn carry_over(old: &BuiltMc, new: &BuiltMc, checkpoint: &[u8]) -> Result<Vec<u8>, CarryError> {
+    let expected = old.initial_checkpoint.len();
+    if checkpoint.len() != expected {
+        return Err(CarryError::Length {
+            found: checkpoint.len(),
+            expected,
+        });
+    }
+    if let Some(interval) = old.diagnosis.critical_interval(checkpoint) {
+        return Err(CarryError::Critical(interval.name.clone()));
+    }
+    let action = old.control.read(checkpoint).recovery_action;
+    if action != 0 {
+        return Err(CarryError::Recovering(action));
+    }
+    let before: BTreeMap<String, &VariableInfo> = state_of(old).map(|v| (key(v), v)).collect();
+    let mut carried = new.initial_checkpoint.clone();
+    for variable in state_of(new) {
+        let Some(source) = before.get(&key(variable)) else {
+            continue;
+        };
+        if source.len != variable.len || !same_type(&source.ty, &variable.ty) {
+            continue;
+        }
+        let from = (old.control.state.start + source.offset) as usize;
+        let to = (new.control.state.start + variable.offset) as usize;
+        let len = variable.len as usize;
+        if let (Some(bytes), Some(target)) = (
+            checkpoint.get(from..from + len),
+            carried.get_mut(to..to + len),
+        ) {
+            target.copy_from_slice(bytes);
+        }
+    }
+    if let Some(interval) = new.diagnosis.critical_interval(&carried) {
+        return Err(CarryError::Critical(interval.name.clone()));
+    }
+    Ok(carried)
+}
+
+impl fmt::Display for StateChange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.same_layout {
+            return write!(
+                f,
+                "state layout is the same: {} variables are kept",
+                self.kept
+            );
+        }
+        let word = if self.is_complete() {
+            "state is compatible"
+        } else {
+            "state is compatible in part"
+        };
+        write!(f, "{word}: {} variables are kept", self.kept)?;
+        for path in &self.new {
+            write!(f, "\n    new, starts from its initial value: {path}")?;
+        }
+        for (path, old, new) in &self.retyped {
+            write!(
+                f,
+                "\n    {new} instead of {old}, starts from its initial value: {path}"
+            )?;
+        }
+        for path in &self.gone {
+            write!(f, "\n    gone: {path}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for CellChange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for sentence in &self.cell {
+            writeln!(f, "{sentence}")?;
+        }
+        for (mc, change) in &self.mcs {
+            match change {
+                McChange::Added => writeln!(f, "{mc}: new")?,
+                McChange::Removed => writeln!(f, "{mc}: gone")?,
+                McChange::Same => writeln!(f, "{mc}: the same, runs on untouched")?,
+                McChange::Settings(what) => {
+                    writeln!(f, "{mc}: runs on with another {}", what.join(", "))?;
+                }
+                McChange::Changed { what, state } => {
+                    writeln!(f, "{mc}: changed ({}); {state}", what.join(", "))?;
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,229 @@
+//! Existing PLC projects in, ordinary projects out, and a small cell to begin with.
+
+mod common;
+
+use common::two_stations;
+use fam_engineering::convert::write_files;
+use fam_engineering::generate::Target;
+use fam_engineering::output::files_of;
+use fam_engineering::plcopen::ordinary_project;
+use fam_engineering::{build, import, new_cell};
+use fam_soft_plc::source::SourceFile;
+
+const PROJECT: &str = "
+VAR_GLOBAL
+    Button AT %IX0.0 : BOOL;
+    Level AT %IW1 : INT;
+    Pump AT %QX0.0 : BOOL;
+    Lamp AT %QX0.1 : BOOL;
+    shared : INT;
+    unused : LREAL;
+END_VAR
+VAR_GLOBAL CONSTANT
+    LIMIT : INT := 100;
+END_VAR
+FUNCTION Above : BOOL
+VAR_INPUT x : INT; END_VAR
+    Above := x > 3;
+END_FUNCTION
+FUNCTION_BLOCK Filter
+VAR_INPUT x : INT; END_VAR
+VAR_OUTPUT y : INT; END_VAR
+    y := (3 * y + x) / 4;
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Other
+VAR_OUTPUT z : INT; END_VAR
+    z := z + 1;
+END_FUNCTION_BLOCK
+PROGRAM Pumping
+VAR_EXTERNAL Button, Pump : BOOL; Level : INT; shared : INT; END_VAR
+VAR_EXTERNAL CONSTANT LIMIT : INT; END_VAR
+VAR smooth : Filter; spare : ARRAY[0..1] OF Filter; END_VAR
+    smooth(x := Level);
+    Pump := Button AND smooth.y < LIMIT;
+    shared := smooth.y;
+END_PROGRAM
+PROGRAM Lighting
+VAR_EXTERNAL Lamp : BOOL; shared : INT; END_VAR
+VAR count : Other; END_VAR
+    count();
+    Lamp := Above(shared);
+END_PROGRAM
+CONFIGURATION plant
+    RESOURCE cpu ON PLC
+        TASK fast(INTERVAL := T#20ms, PRIORITY := 1);
+        TASK slow(INTERVAL := T#100ms, PRIORITY := 2);
+        PROGRAM Pump1 WITH fast : Pumping;
+        PROGRAM Light1 WITH slow : Lighting;
+    END_RESOURCE
+END_CONFIGURATION
+";
+
+#[test]
+fn a_project_becomes_one_mc_for_each_program_instance() {
+    let files = import::model(&[SourceFile::new("plant.st", PROJECT)], "plant.aml")
+        .unwrap_or_else(|p| panic!("{p}"));
+    let names: Vec<&str> = files.keys().map(String::as_str).collect();
+    assert_eq!(
+        names,
+        [
+            "FAM.aml",
+            "TODO.md",
+            "logic/Light1.xml",
+            "logic/Pump1.xml",
+            "plant.aml"
+        ]
+    );
+    // Each gets what it needs and no more.
+    let pump = &files["logic/Pump1.xml"];
+    for part in [
+        "\"Pumping\"",
+        "\"Filter\"",
+        "\"LIMIT\"",
+        "\"Button\"",
+        "\"shared\"",
+    ] {
+        assert!(pump.contains(part), "{part} is missing");
+    }
+    for part in [
+        "\"Lighting\"",
+        "\"Other\"",
+        "\"Above\"",
+        "\"Lamp\"",
+        "\"unused\"",
+    ] {
+        assert!(!pump.contains(part), "{part} is not needed");
+    }
+    let to_do = &files["TODO.md"];
+    for part in [
+        "shared is used by Pump1, Light1: MCs share no memory",
+        "Pump1: look at the fail-safe value",
+        "Light1: give it its critical intervals",
+        "write a stop POU",
+    ] {
+        assert!(to_do.contains(part), "expected `{part}` in:\n{to_do}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    write_files(&files, dir.path()).unwrap();
+    let built = build(&dir.path().join("plant.aml")).unwrap_or_else(|p| panic!("{p}"));
+    let cycles: Vec<(&str, u32)> = built
+        .model
+        .mcs
+        .iter()
+        .map(|m| (m.mc.as_str(), m.cycle_us))
+        .collect();
+    assert_eq!(cycles, [("Light1", 100_000), ("Pump1", 20_000)]);
+    assert_eq!(built.model.mcs[1].inputs.len(), 2);
+    assert_eq!(built.model.controllers.len(), 2);
+}
+
+#[test]
+fn projects_that_cannot_be_imported_say_why() {
+    for (text, part) in [
+        (
+            "FUNCTION_BLOCK A\nVAR x : INT; END_VAR\nx := 1;\nEND_FUNCTION_BLOCK",
+            "the project has no PROGRAM",
+        ),
+        ("PROGRAM P\nx := 1;\nEND_PROGRAM", "x"),
+        (
+            "<project xmlns=\"http://www.plcopen.org/xml/tc6.xsd\"/>",
+            "PLCopen XML 1.0",
+        ),
+        ("<x/>", "no PLCopen project"),
+    ] {
+        let problems = import::model(&[SourceFile::new("p", text)], "p.aml")
+            .unwrap_err()
+            .to_string();
+        assert!(problems.contains(part), "expected `{part}` in:\n{problems}");
+    }
+}
+
+#[test]
+fn an_exported_project_is_the_logic_and_comes_back() {
+    let text = ordinary_project(&build(&two_stations()).unwrap());
+    assert!(
+        !text.contains("_Serialize") && !text.contains("_Control"),
+        "{text}"
+    );
+    for part in [
+        "<resource name=\"Feeder\">",
+        "<resource name=\"Press\">",
+        "interval=\"T#5ms\"",
+        "typeName=\"Press\"",
+    ] {
+        assert!(text.contains(part), "expected `{part}` in:\n{text}");
+    }
+    // One MC is a project for one PLC.
+    let logic = "VAR_GLOBAL\n go AT %IX0.0 : BOOL;\n out AT %QX0.0 : BOOL;\nEND_VAR\nPROGRAM M\nVAR_EXTERNAL go, out : BOOL; END_VAR\n out := go;\nEND_PROGRAM\n";
+    let io = "[mc.inputs]\ngo = \"image:go\"\n[mc.outputs]\nout = { field = \"image:out\", fail_safe = false }\n";
+    let (_dir, path) = common::one_mc(logic, io);
+    let text = ordinary_project(&build(&path).unwrap_or_else(|p| panic!("{p}")));
+    let files = import::model(&[SourceFile::new("cell.xml", text)], "cell.aml")
+        .unwrap_or_else(|p| panic!("{p}"));
+    let dir = tempfile::tempdir().unwrap();
+    write_files(&files, dir.path()).unwrap();
+    let built = build(&dir.path().join("cell.aml")).unwrap_or_else(|p| panic!("{p}"));
+    let mc = &built.model.mcs[0];
+    assert_eq!((mc.mc.as_str(), mc.cycle_us), ("M", 5_000));
+    assert_eq!((mc.inputs.len(), mc.outputs.len()), (1, 1));
+}
+
+#[test]
+fn the_cell_to_begin_with_is_in_order() {
+    let dir = tempfile::tempdir().unwrap();
+    write_files(&new_cell::files(), dir.path()).unwrap();
+    let built = build(&dir.path().join("cell.toml")).unwrap_or_else(|p| panic!("{p}"));
+    assert!(built.warnings.is_empty(), "{:?}", built.warnings);
+    assert_eq!((built.mcs.len(), built.model.controllers.len()), (2, 2));
+    assert_eq!(built.mcs[0].diagnosis.intervals.len(), 1);
+    let deployment =
+        fam_engineering::DeploymentFile::read(&dir.path().join("deployment.toml")).unwrap();
+    deployment
+        .resolve(&built.model)
+        .unwrap_or_else(|p| panic!("{p}"));
+    assert!(files_of(&built, Target::Fam).contains_key("summary.txt"));
+}
+
+#[test]
+fn a_narrowed_state_leaves_out_what_is_not_listed_and_says_so() {
+    let logic = "VAR_GLOBAL\n go AT %IX0.0 : BOOL;\n out AT %QX0.0 : BOOL;\n total : DINT;\nEND_VAR\nPROGRAM M\nVAR_EXTERNAL go, out : BOOL; total : DINT; END_VAR\nVAR step : INT; scratch : ARRAY[0..9] OF INT := [10(7)]; t : TON; END_VAR\n step := step + 1; scratch[3] := step; total := total + 1; t(IN := go, PT := T#1s); out := go;\nEND_PROGRAM\n";
+    let io = "[mc.inputs]\ngo = \"image:go\"\n[mc.outputs]\nout = { field = \"image:out\", fail_safe = false }\n";
+    let (_dir, path) = common::one_mc(
+        logic,
+        &format!("state = [\"step\", \"t\", \"total\"]\n{io}"),
+    );
+    for target in [Target::Fam, Target::Portable] {
+        let built =
+            fam_engineering::build::build_for(&path, target).unwrap_or_else(|p| panic!("{p}"));
+        let warning = built
+            .warnings
+            .iter()
+            .find(|w| w.code == "W808")
+            .unwrap()
+            .to_string();
+        assert!(
+            warning.contains("1 of its variables are no state: M.scratch"),
+            "{warning}"
+        );
+        let mc = &built.mcs[0];
+        assert!(mc.state_variables.iter().all(|v| v.path != "M.scratch"));
+        assert!(mc.state_variables.iter().any(|v| v.path == "M.t.ET"));
+        assert!(mc.control_st.contains(" := 7;"), "{}", mc.control_st);
+    }
+    for (extra, part) in [
+        (
+            format!("state = [\"stap\"]\n{io}"),
+            "its state lists `stap`, which it does not have",
+        ),
+        (
+            format!(
+                "state = [\"step\"]\n{io}[[mc.critical_interval]]\nname = \"A\"\ncondition = \"total > 3\"\nkind = \"unrecoverable\"\nrecovery = \"B\"\n"
+            ),
+            "`total` is not part of the state",
+        ),
+    ] {
+        let (_dir, path) = common::one_mc(logic, &extra);
+        let problems = build(&path).unwrap_err().to_string();
+        assert!(problems.contains(part), "expected `{part}` in:\n{problems}");
+    }
+}

@@ -1,0 +1,176 @@
+//! From a model to a running cell with the commands that people use: a third party's AutomationML model, and a new cell of one's own.
+
+mod support;
+
+use std::path::Path;
+use support::{Fam, free_port, run, until};
+
+/// A plant of another tool: a PLC by its role, logic by its reference.
+const PLANT: &str = r#"<?xml version="1.0" encoding="utf-8"?>
+<CAEXFile xmlns="http://www.dke.de/CAEX" SchemaVersion="3.0" FileName="plant.aml">
+  <SourceDocumentInformation OriginName="t" OriginID="t" OriginVersion="1" LastWritingDateTime="2020-01-01T00:00:00" />
+  <InstanceHierarchy Name="tank">
+    <InternalElement Name="cpu" ID="1">
+      <ExternalInterface Name="program" ID="2" RefBaseClassPath="AutomationMLInterfaceClassLib/AutomationMLBaseInterface/ExternalDataConnector/PLCopenXMLInterface">
+        <Attribute Name="refURI" AttributeDataType="xs:anyURI"><Value>file:///plc/tank.xml#Filling</Value></Attribute>
+      </ExternalInterface>
+      <RoleRequirements RefBaseRoleClassPath="AutomationMLCSRoleClassLib/ControlEquipment/Controller/PLC" />
+    </InternalElement>
+  </InstanceHierarchy>
+</CAEXFile>
+"#;
+
+const LOGIC: &str = r#"<?xml version="1.0" encoding="utf-8"?>
+<project xmlns="http://www.plcopen.org/xml/tc6_0200" xmlns:xhtml="http://www.w3.org/1999/xhtml">
+  <fileHeader companyName="c" productName="p" productVersion="1" creationDateTime="2020-01-01T00:00:00" />
+  <contentHeader name="tank"><coordinateInfo><fbd><scaling x="1" y="1" /></fbd><ld><scaling x="1" y="1" /></ld><sfc><scaling x="1" y="1" /></sfc></coordinateInfo></contentHeader>
+  <types><dataTypes /><pous>
+    <pou name="Filling" pouType="program">
+      <interface><externalVars>
+        <variable name="Low"><type><BOOL /></type></variable>
+        <variable name="Valve"><type><BOOL /></type></variable>
+      </externalVars></interface>
+      <body><ST><xhtml:p><![CDATA[Valve := Low;]]></xhtml:p></ST></body>
+    </pou>
+  </pous></types>
+  <instances><configurations><configuration name="c"><resource name="r">
+    <task name="cyclic" interval="PT0.02S" priority="1"><pouInstance name="Tank1" typeName="Filling" /></task>
+    <globalVars>
+      <variable name="Low" address="%IX0.0"><type><BOOL /></type></variable>
+      <variable name="Valve" address="%QX0.0"><type><BOOL /></type></variable>
+    </globalVars>
+  </resource></configuration></configurations></instances>
+</project>
+"#;
+
+/// Ports that are free, so that cells of several tests do not meet. Returns the gateway's endpoint.
+fn with_free_ports(deployment: &Path, gateway: &str) -> String {
+    let text = std::fs::read_to_string(deployment).unwrap();
+    let kept: Vec<&str> = text.lines().take_while(|l| !l.starts_with('[')).collect();
+    let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+    let text = format!(
+        "{}\n[manager]\nlisten = \"tcp/127.0.0.1:{}\"\n[[gateway]]\nname = \"{gateway}\"\nlisten = \"{endpoint}\"\n",
+        kept.join("\n"),
+        free_port()
+    );
+    std::fs::write(deployment, text).unwrap();
+    endpoint
+}
+
+/// Sets points until another one has a value (`name,value`).
+fn sets_and_sees(cell: &str, endpoint: &str, set: &[&str], seen: &str) {
+    let common = ["--name", cell, "--endpoint", endpoint];
+    until(&format!("{seen} after {set:?}"), || {
+        let set: Vec<&str> = [&["io", "set"], set, &common].concat();
+        let (code, ..) = run(&set);
+        if code != 0 {
+            return None;
+        }
+        let get: Vec<&str> = [&["io", "get"][..], &common].concat();
+        let (_, out, _) = run(&get);
+        let (name, value) = seen.split_once(',')?;
+        let shown = out.lines().find_map(|l| {
+            let columns: Vec<&str> = l.split(',').collect();
+            (columns.first() == Some(&name)).then(|| columns.get(3).copied())?
+        })?;
+        let shown = match shown {
+            "true" => "1",
+            "false" => "0",
+            number => number,
+        };
+        (shown == value).then_some(())
+    });
+}
+
+#[test]
+fn a_third_party_model_goes_from_check_over_generate_to_running() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::create_dir(dir.path().join("plc")).unwrap();
+    std::fs::write(dir.path().join("plc/tank.xml"), LOGIC).unwrap();
+    let model = dir.path().join("plant.aml");
+    std::fs::write(&model, PLANT).unwrap();
+    let model = model.display().to_string();
+    let (code, out, err) = run(&["check", &model]);
+    assert_eq!(code, 0, "{out}{err}");
+    assert!(
+        out.contains("no roles of FAM") && out.contains("1 MCs, no errors"),
+        "{out}"
+    );
+
+    let generated = dir.path().join("out");
+    let (code, out, err) = run(&[
+        "generate",
+        &model,
+        "--out",
+        &generated.display().to_string(),
+    ]);
+    assert_eq!(code, 0, "{out}{err}");
+    for file in [
+        "cpu.xml",
+        "Tank1.diagnosis.xml",
+        "agents.toml",
+        "deployment.toml",
+        "summary.txt",
+        "model/cell.toml",
+    ] {
+        assert!(generated.join(file).exists(), "{file}");
+    }
+    let deployment = generated.join("deployment.toml");
+    let endpoint = with_free_ports(&deployment, "gateway1");
+    let mut up = Fam::start(&["up", &deployment.display().to_string()]);
+    up.wait_for(&["is up"]);
+    sets_and_sees("tank", &endpoint, &["Low=1"], "Valve,1");
+    sets_and_sees("tank", &endpoint, &["Low=0"], "Valve,0");
+    assert!(up.terminate().success(), "{}", up.text());
+}
+
+#[test]
+fn a_new_cell_runs_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let cell = dir.path().join("mine");
+    let (code, out, err) = run(&["new", &cell.display().to_string()]);
+    assert_eq!(code, 0, "{out}{err}");
+    let deployment = cell.join("deployment.toml");
+    let endpoint = with_free_ports(&deployment, "gateway1");
+    let mut up = Fam::start(&["up", &deployment.display().to_string()]);
+    up.wait_for(&["is up"]);
+    // What its README shows.
+    sets_and_sees(
+        "my_cell",
+        &endpoint,
+        &["Start=1", "ArmAtPart=1"],
+        "ArmForward,1",
+    );
+    sets_and_sees(
+        "my_cell",
+        &endpoint,
+        &["ArmAtPart=0", "ArmAtStamper=1"],
+        "Stamped,1",
+    );
+    sets_and_sees(
+        "my_cell",
+        &endpoint,
+        &["Start=0", "ArmAtStamper=0", "ArmAtPart=1"],
+        "ArmForward,0",
+    );
+    assert!(up.terminate().success(), "{}", up.text());
+
+    // And it goes into the other forms.
+    let model = cell.join("cell.toml").display().to_string();
+    for form in ["cell.aml", "cell.amlx", "back/cell.toml"] {
+        let to = dir.path().join(form).display().to_string();
+        let (code, out, err) = run(&["convert", &model, &to]);
+        assert_eq!(code, 0, "{out}{err}");
+        let (code, out, err) = run(&["diff", &model, &to]);
+        assert_eq!(code, 0, "{out}{err}");
+        assert!(
+            out.lines().all(|l| l.ends_with("runs on untouched")),
+            "{out}"
+        );
+        let (_, shown, _) = run(&["show", &to]);
+        assert!(
+            shown.starts_with("cell my_cell") && shown.contains("Carrying: step = 20"),
+            "{shown}"
+        );
+    }
+}
