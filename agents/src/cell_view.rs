@@ -15,6 +15,8 @@ use std::sync::Arc;
 
 /// After its token is seen a node has this long to register before the first start of an MC goes on without it, in microseconds.
 pub const JOINING_US: u64 = 300_000;
+/// Lives of one controller whose tokens are kept, at most.
+pub const LIVES_MAX: usize = 16;
 /// So many cycles without a valid frame, and the gateway no longer counts an owner as healthy.
 pub const HEALTHY_CYCLES: u64 = 3;
 
@@ -189,6 +191,8 @@ impl McView {
 pub struct GatewayView {
     /// Its life, from its images.
     pub boot: Option<BootId>,
+    /// Its liveliness token, if one is seen.
+    pub token: Option<BootId>,
     /// Newest image.
     pub image: ImageNumber,
     /// When that came.

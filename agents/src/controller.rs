@@ -72,6 +72,8 @@ struct Leaving {
 pub struct ControllerAgent {
     config: Arc<NodeConfig>,
     manager: Manager,
+    /// Managers' lives whose liveliness tokens are seen.
+    seen: BTreeSet<BootId>,
     /// Managers' lives whose liveliness tokens are gone. Boot ids come from wall clocks, which may be set back, and a second manager
     /// may have come and gone: so the highest one is not always the one that lives.
     gone: BTreeSet<BootId>,
@@ -103,6 +105,7 @@ impl ControllerAgent {
         ControllerAgent {
             config,
             manager: Manager::default(),
+            seen: BTreeSet::new(),
             gone: BTreeSet::new(),
             register_at: now,
             report_at: None,
@@ -159,18 +162,27 @@ impl ControllerAgent {
             .is_some_and(|known| manager != known && !self.follows(manager, known))
     }
 
-    /// Whether a life of the manager takes the place of the one that is known: it is newer, or that one is gone; and itself is not.
+    /// Whether a life of the manager takes the place of the one that is known: it is newer, or that one is gone; and itself is
+    /// not. A token is more than a word: whose token is seen gives way to no word alone, for one damaged boot id could
+    /// otherwise make the node deaf to every manager to come.
     fn follows(&self, boot: BootId, known: BootId) -> bool {
-        !self.gone.contains(&boot) && (boot > known || self.gone.contains(&known))
+        let (seen, known_seen) = (self.seen.contains(&boot), self.seen.contains(&known));
+        let newer = boot > known && (seen || !known_seen);
+        !self.gone.contains(&boot) && (newer || (seen && !known_seen) || self.gone.contains(&known))
     }
 
     /// A manager's liveliness token has appeared or gone.
     pub fn manager_token(&mut self, boot: BootId, alive: bool, now: Now) {
         if alive {
             self.gone.remove(&boot);
+            if self.seen.len() == GONE_MAX {
+                self.seen.pop_first();
+            }
+            self.seen.insert(boot);
             self.manager_speaks(boot, now);
             return;
         }
+        self.seen.remove(&boot);
         if self.gone.len() == GONE_MAX {
             self.gone.pop_first();
         }
@@ -200,9 +212,11 @@ impl ControllerAgent {
     pub fn image(&mut self, image: &InputImage, now: Now) {
         match self.images.get_mut(&image.gateway) {
             Some(at) => *at = now,
-            None => {
+            // Of gateways that serve nothing here nothing is kept, whatever names a peer makes up.
+            None if self.config.mcs.iter().any(|m| m.gateway == image.gateway) => {
                 self.images.insert(image.gateway.clone(), now);
             }
+            None => {}
         }
     }
 

@@ -59,6 +59,7 @@ pub fn render(status: &CellStatus) -> String {
         "overruns",
         "CPU %",
         "memory MB",
+        "unreadable",
         "real time",
     ]);
     for c in &status.controllers {
@@ -119,10 +120,12 @@ fn controller_row(c: &ControllerStatus) -> Vec<Cell> {
             number(r.overruns),
             number(format!("{:.0}", percent(r.process_cpu_permille))),
             number(r.process_memory_kb / 1024),
+            number(r.bad_messages),
         ]),
         None => row.extend([
             number(""),
             Cell::new(active.join(" ")),
+            number(""),
             number(""),
             number(""),
             number(""),

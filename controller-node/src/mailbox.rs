@@ -1,7 +1,8 @@
 //! Where Zenoh's thread leaves the newest image of each gateway for the scan thread. Neither waits for the other.
 
 use arc_swap::ArcSwapOption;
-use fam_proto::{GatewayId, ImageNumber, InputImage, Now};
+use fam_node_core::newest::Newest;
+use fam_proto::{GatewayId, InputImage, Now};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex};
 
@@ -21,7 +22,7 @@ pub struct Stamped {
 struct Slot {
     newest: ArcSwapOption<Stamped>,
     /// Only the writer takes it.
-    kept: Mutex<VecDeque<Arc<Stamped>>>,
+    kept: Mutex<(Newest, VecDeque<Arc<Stamped>>)>,
 }
 
 /// One slot for each gateway of the cell.
@@ -39,17 +40,16 @@ impl Mailbox {
         }
     }
 
-    /// Leaves an image; one that is older than what lies there is dropped.
+    /// Leaves an image; one that is not newer than what lies there, or cannot be, is dropped.
     pub fn put(&self, image: &Arc<InputImage>, at: Now) {
         let Some(slot) = self.slots.get(&image.gateway) else {
             return;
         };
-        let Ok(mut kept) = slot.kept.lock() else {
+        let Ok(mut place) = slot.kept.lock() else {
             return;
         };
-        // Numbers grow over restarts of the gateway, which boot ids need not do: they come from a wall clock.
-        let known: Option<ImageNumber> = kept.back().map(|s| s.image.number);
-        if known.is_some_and(|known| image.number <= known) {
+        let (newest, kept) = &mut *place;
+        if !newest.admit(image.boot, image.number, at) {
             return;
         }
         let stamped = Arc::new(Stamped {
@@ -83,7 +83,7 @@ impl Mailbox {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fam_proto::BootId;
+    use fam_proto::{BootId, ImageNumber};
 
     fn image(boot: u64, number: u64) -> Arc<InputImage> {
         Arc::new(InputImage {
@@ -110,9 +110,9 @@ mod tests {
             (1, 5, (1, 5, 0)),
             (1, 4, (1, 5, 0)),
             (1, 6, (1, 6, 2)),
-            (2, 3, (1, 6, 2)),
+            (2, 7, (1, 6, 2)),
             (2, 8, (2, 8, 4)),
-            (1, 7, (2, 8, 4)),
+            (1, 9, (2, 8, 4)),
         ]
         .into_iter()
         .enumerate()
@@ -124,12 +124,12 @@ mod tests {
             assert_eq!(newest(), Some(expected), "after {boot}, {number}");
         }
         let held = image(2, 9);
-        mailbox.put(&held, Now(9));
+        mailbox.put(&held, Now(10_000));
         for number in 10..10 + KEPT as u64 - 1 {
-            mailbox.put(&image(2, number), Now(10));
+            mailbox.put(&image(2, number), Now(11_000));
         }
         assert_eq!(Arc::strong_count(&held), 2);
-        mailbox.put(&image(2, 100), Now(11));
+        mailbox.put(&image(2, 100), Now(100_000));
         assert_eq!(Arc::strong_count(&held), 1);
     }
 }

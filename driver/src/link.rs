@@ -20,6 +20,12 @@ use zenoh::sample::{Locality, Sample, SampleKind};
 
 /// Most events that wait for the process's agent; further messages and images are dropped and counted, losses of peers never.
 pub const EVENTS_WAITING_MAX: usize = 16_384;
+/// Most bytes that wait there, as they came over the wire; beyond, the same.
+pub const BYTES_WAITING_MAX: usize = 64 << 20;
+/// Even of appearances and losses no more than this wait: a peer that makes up tokens without end fills no memory.
+const PEERS_WAITING_MAX: usize = 4 * EVENTS_WAITING_MAX;
+/// Most receivers whose keys are kept declared; to others messages go without.
+const RECEIVERS_KEPT_MAX: usize = 1_024;
 
 /// How long closing waits for peers.
 const CLOSE_WITHIN: std::time::Duration = std::time::Duration::from_secs(1);
@@ -131,22 +137,36 @@ pub enum LinkEvent {
 /// The queue of what came in.
 #[derive(Debug)]
 pub struct LinkEvents {
-    receiver: mpsc::UnboundedReceiver<LinkEvent>,
-    waiting: Arc<AtomicUsize>,
+    receiver: mpsc::UnboundedReceiver<(usize, LinkEvent)>,
+    waiting: Arc<Waiting>,
+}
+
+/// What waits: events, and the bytes that they came in.
+#[derive(Debug, Default)]
+struct Waiting {
+    events: AtomicUsize,
+    bytes: AtomicUsize,
+}
+
+impl Waiting {
+    fn taken(&self, bytes: usize) {
+        self.events.fetch_sub(1, Ordering::Relaxed);
+        self.bytes.fetch_sub(bytes, Ordering::Relaxed);
+    }
 }
 
 impl LinkEvents {
     /// The next event; `None` when the link is closed and all have been taken.
     pub async fn recv(&mut self) -> Option<LinkEvent> {
-        let event = self.receiver.recv().await?;
-        self.waiting.fetch_sub(1, Ordering::Relaxed);
+        let (bytes, event) = self.receiver.recv().await?;
+        self.waiting.taken(bytes);
         Some(event)
     }
 
     /// The next event, if one is there.
     pub fn try_recv(&mut self) -> Option<LinkEvent> {
-        let event = self.receiver.try_recv().ok()?;
-        self.waiting.fetch_sub(1, Ordering::Relaxed);
+        let (bytes, event) = self.receiver.try_recv().ok()?;
+        self.waiting.taken(bytes);
         Some(event)
     }
 }
@@ -154,21 +174,30 @@ impl LinkEvents {
 /// The sending end of the queue, and what is counted beside it.
 #[derive(Debug, Clone)]
 struct Inbox {
-    sender: mpsc::UnboundedSender<LinkEvent>,
-    waiting: Arc<AtomicUsize>,
+    sender: mpsc::UnboundedSender<(usize, LinkEvent)>,
+    waiting: Arc<Waiting>,
     dropped: Arc<AtomicU64>,
     bad: Arc<BadMessages>,
 }
 
 impl Inbox {
-    fn push(&self, event: LinkEvent) {
-        let full = self.waiting.load(Ordering::Relaxed) >= EVENTS_WAITING_MAX;
-        if full && !matches!(event, LinkEvent::Peer { .. }) {
+    /// Queues what came in `bytes` bytes.
+    fn push(&self, bytes: usize, event: LinkEvent) {
+        let waiting = self.waiting.events.load(Ordering::Relaxed);
+        let full = match &event {
+            LinkEvent::Peer { .. } => waiting >= PEERS_WAITING_MAX,
+            _ => {
+                waiting >= EVENTS_WAITING_MAX
+                    || self.waiting.bytes.load(Ordering::Relaxed) + bytes > BYTES_WAITING_MAX
+            }
+        };
+        if full {
             self.dropped.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        self.waiting.fetch_add(1, Ordering::Relaxed);
-        let _ = self.sender.send(event);
+        self.waiting.events.fetch_add(1, Ordering::Relaxed);
+        self.waiting.bytes.fetch_add(bytes, Ordering::Relaxed);
+        let _ = self.sender.send((bytes, event));
     }
 
     fn decode<T: Wire>(&self, sample: &Sample) -> Option<T> {
@@ -290,7 +319,7 @@ impl Link {
             .declare_subscriber(keys::to(cell, &options.process))
             .callback(move |sample| {
                 if let Some(envelope) = inbox.decode(&sample) {
-                    inbox.push(LinkEvent::Message(envelope));
+                    inbox.push(sample.payload().len(), LinkEvent::Message(envelope));
                 }
             })
             .background()
@@ -308,7 +337,7 @@ impl Link {
                     if let Some(sink) = &sinks.image {
                         sink(&image);
                     }
-                    inbox.push(LinkEvent::Image(image));
+                    inbox.push(sample.payload().len(), LinkEvent::Image(image));
                 })
                 .background()
                 .wait()?;
@@ -334,7 +363,7 @@ impl Link {
                     let bytes = FrameBytes(sample.payload().clone());
                     match &sink {
                         Some(sink) => sink(mc, bytes),
-                        None => inbox.push(LinkEvent::Frame { mc, bytes }),
+                        None => inbox.push(bytes.len(), LinkEvent::Frame { mc, bytes }),
                     }
                 })
                 .background()
@@ -353,11 +382,17 @@ impl Link {
                     match keys::parse_alive(&cell, key) {
                         None => inbox.bad.add(key, None, &"the key names no process"),
                         Some(seen) if seen == own => {}
-                        Some((process, boot)) => inbox.push(LinkEvent::Peer {
-                            process,
-                            boot,
-                            alive: sample.kind() == SampleKind::Put,
-                        }),
+                        Some((process, boot)) => {
+                            let alive = sample.kind() == SampleKind::Put;
+                            inbox.push(
+                                0,
+                                LinkEvent::Peer {
+                                    process,
+                                    boot,
+                                    alive,
+                                },
+                            );
+                        }
                     }
                 })
                 .background()
@@ -427,7 +462,9 @@ impl Link {
     pub fn send(&self, envelope: &Envelope) {
         let to = envelope.to.process();
         if to == self.inner.process {
-            self.inner.inbox.push(LinkEvent::Message(envelope.clone()));
+            self.inner
+                .inbox
+                .push(0, LinkEvent::Message(envelope.clone()));
             return;
         }
         match codec::encode(envelope) {
@@ -490,7 +527,12 @@ impl Link {
 
     fn put(&self, key: String, bytes: Vec<u8>, priority: Priority, keep: bool) {
         let inner = &self.inner;
-        if !keep {
+        // Whoever asks under made-up names gets answers, and no place in memory.
+        let room = || {
+            let publishers = inner.publishers.lock();
+            publishers.is_ok_and(|p| p.len() < RECEIVERS_KEPT_MAX || p.contains_key(&key))
+        };
+        if !keep || !room() {
             let _ = inner
                 .session
                 .put(key, bytes)

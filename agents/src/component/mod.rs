@@ -53,6 +53,8 @@ pub const OPEN_REPEAT_US: u64 = 2_000;
 pub const CLOSE_REPEAT_US: u64 = 20_000;
 /// How long after a release's own deadline the scan thread is asked again whether it is off, in microseconds.
 pub const RELEASE_GRACE_US: u64 = 100_000;
+/// An order whose number is further ahead than this is carried out when it comes for the second time.
+pub const ORDERS_AHEAD: u64 = 1_000;
 
 /// What an MCA is made for.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -141,6 +143,8 @@ pub struct McAgent {
     state: State,
     /// Newest order, with the life of the manager that gave it: a repetition is answered and not carried out again.
     order: Option<(BootId, OrderId)>,
+    /// An order with a number far ahead, seen once: orders are repeated as they are, damage is not.
+    doubtful: Option<(BootId, Order)>,
     /// The report that answered it.
     answered: Option<McReport>,
     /// Newest checkpoint in the passive instance.
@@ -158,6 +162,7 @@ impl McAgent {
             config: Arc::new(config),
             state: State::Passive,
             order: None,
+            doubtful: None,
             answered: None,
             held: None,
             handed: None,
@@ -228,6 +233,16 @@ impl McAgent {
     /// An order of the manager in the life `boot`: acknowledged always, carried out once. Which life counts is told before
     /// ([`crate::controller::ControllerAgent::is_over`]).
     pub fn order(&mut self, boot: BootId, order: Order, now: Now) {
+        // Numbers begin with the boot id and count on. One damaged number must not make the MCA deaf to the orders to come.
+        let last = self.order.filter(|(known, _)| *known == boot);
+        let last = last.map_or(boot.0, |(_, id)| id.0);
+        if order.id.0 > last.saturating_add(ORDERS_AHEAD)
+            && self.doubtful.as_ref() != Some(&(boot, order.clone()))
+        {
+            self.doubtful = Some((boot, order));
+            return;
+        }
+        self.doubtful = None;
         self.send(AgentId::Manager, Message::OrderReceived(order.id));
         let this = (boot, order.id);
         if self

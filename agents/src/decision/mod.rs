@@ -30,6 +30,8 @@ use std::hash::{Hash, Hasher};
 pub const HOLDINGS_GRACE_US: u64 = 1_000;
 /// Events that wait for their turn; further ones are dropped, for their monitors raise them again.
 const WAITING_MAX: usize = 256;
+/// Criteria in one bid, at most.
+const CRITERIA_MAX: usize = 64;
 
 /// What an operator, or a state that an operator has set, wants of the placement.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -217,6 +219,8 @@ impl Decision {
         if let Some(current) = &mut self.current
             && current.id == bid.negotiation
             && current.asked.contains(&bid.owner)
+            && bid.offers.len() <= current.mcs.len()
+            && bid.criteria.len() <= CRITERIA_MAX
         {
             current.last_bid = Some(now);
             current.bids.insert(bid.owner.controller.clone(), bid);
@@ -228,6 +232,7 @@ impl Decision {
         if let Some(current) = &mut self.current
             && current.id == holding.negotiation
             && current.asked.contains(&holding.owner)
+            && current.mcs.contains(&holding.mc)
         {
             let key = (holding.owner.controller.clone(), holding.mc.clone());
             current.holdings.insert(key, holding);

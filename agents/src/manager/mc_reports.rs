@@ -24,6 +24,12 @@ impl MiddlewareManager {
             view.state = Some(report.state);
         }
         self.heed(mc, report, now);
+        if !self
+            .tellers
+            .admit(&envelope.from, Some(mc), &self.view, now)
+        {
+            return false;
+        }
         self.tell(mc, report, record.as_ref(), now);
         true
     }

@@ -14,6 +14,7 @@ mod plans;
 mod records;
 mod registry;
 mod status;
+mod tellers;
 
 pub use agents::ManagerAgents;
 pub use orders::{REPEAT_FAST, REPEAT_FAST_US, REPEAT_SLOW_US};
@@ -28,8 +29,8 @@ use fam_proto::agent::Output;
 use fam_proto::mark::{Mark, hash_marked};
 use fam_proto::model::CellModel;
 use fam_proto::{
-    BootId, ControllerId, Envelope, Epoch, Event, EventKind, InputImage, McId, Message, Now, Plan,
-    PlanId, ProcessId, RepoState, RepoWrite, Severity,
+    AgentId, BootId, ControllerId, Envelope, Epoch, Event, EventKind, InputImage, McId, Message,
+    Now, Plan, PlanId, ProcessId, RepoState, RepoWrite, Severity,
 };
 use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
@@ -107,6 +108,8 @@ pub struct MiddlewareManager {
     unplaced: BTreeMap<McId, (u32, bool)>,
     /// Quality-of-service events told last, by cause.
     told: BTreeMap<String, (u64, PlanId)>,
+    /// How much each process has told of late.
+    tellers: tellers::Tellers,
     bad_messages: u64,
     bad_messages_link: u64,
 }
@@ -170,6 +173,7 @@ impl MiddlewareManager {
             marks: BTreeMap::new(),
             unplaced: BTreeMap::new(),
             told: BTreeMap::new(),
+            tellers: tellers::Tellers::default(),
             bad_messages: 0,
             bad_messages_link: 0,
             view,
@@ -211,8 +215,14 @@ impl MiddlewareManager {
             }
             Message::McReport(report) => self.mc_report(&envelope, report, now),
             Message::Event(event) => {
-                self.foreign_event(event.clone(), now);
-                true
+                let good = !matches!(envelope.from, AgentId::Client(_))
+                    && self
+                        .tellers
+                        .admit(&envelope.from, event.mc.as_ref(), &self.view, now);
+                if good {
+                    self.foreign_event(event.clone(), now);
+                }
+                good
             }
             Message::Command(command) => self.command(&envelope, command, now),
             Message::Query(query) => self.query(&envelope, query, in_progress, now),

@@ -123,6 +123,9 @@ impl MiddlewareManager {
                 .send(AgentId::Client(client), Message::CommandReply(reply));
             return true;
         }
+        if !self.tellers.admit(&envelope.from, None, &self.view, now) {
+            return false;
+        }
         self.commands.count += 1;
         let order = self.commands.count;
         let begun = self.begin_command(client, command, now);

@@ -11,7 +11,7 @@ pub const REPEAT_FAST: u32 = 4;
 /// Further ones, in microseconds.
 pub const REPEAT_SLOW_US: u64 = 50_000;
 
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct Outgoing {
     to: AgentId,
     order: Order,
@@ -19,6 +19,14 @@ struct Outgoing {
     next: Now,
     /// For orders that no job waits for: repeated no longer than this.
     expires: Option<Now>,
+}
+
+// How often it was sent counts only until the pauses are the long ones.
+impl Hash for Outgoing {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (&self.to, &self.order, self.next, self.expires).hash(state);
+        self.sent.min(REPEAT_FAST + 1).hash(state);
+    }
 }
 
 /// All orders that are not received yet.

@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 /// An MC that finds no place is an alarm after so many tries, or at once where nobody could be asked.
 pub(super) const TRIES_BEFORE_ALARM: u32 = 3;
 /// So many causes are remembered as told.
-const TOLD_MAX: usize = 256;
+pub(super) const TOLD_MAX: usize = 256;
 
 /// Why a plan is not carried out.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -5,6 +5,13 @@ use fam_proto::{
     ControllerId, Event, EventKind, InputImage, McId, Now, RecordState, RecordSummary, Severity,
 };
 
+/// No gateway sends images faster than this, in microseconds.
+const IMAGE_US_MIN: u64 = 500;
+/// Longest text of an event that another process tells, in bytes.
+const EVENT_TEXT_BYTES_MAX: usize = 1_000;
+/// So many images may be missed at once beside those that time explains.
+const IMAGES_AHEAD: u64 = 64;
+
 impl MiddlewareManager {
     /// Takes an image, unless it is older than what is known or of an unknown gateway.
     pub(super) fn take_image(&mut self, image: &InputImage, now: Now) {
@@ -16,6 +23,13 @@ impl MiddlewareManager {
         let known = gateway.boot;
         // Numbers grow over restarts, which boot ids need not do: they come from a wall clock.
         if known.is_some() && image.number <= gateway.image {
+            return;
+        }
+        // One damaged number must not make the manager deaf to the images to come.
+        let ahead = image.number.0.saturating_sub(gateway.image.0);
+        let possible = IMAGES_AHEAD + now.since_us(gateway.heard) / IMAGE_US_MIN;
+        if known == Some(image.boot) && ahead > possible {
+            self.bad_messages += 1;
             return;
         }
         let was_down = gateway.down;
@@ -157,7 +171,8 @@ impl MiddlewareManager {
     }
 
     /// An event that a node or a gateway tells.
-    pub(super) fn foreign_event(&mut self, event: Event, now: Now) {
+    pub(super) fn foreign_event(&mut self, mut event: Event, now: Now) {
+        cut(&mut event.text, EVENT_TEXT_BYTES_MAX);
         let told_twice = matches!(
             event.kind,
             EventKind::McFailSafe
@@ -236,5 +251,12 @@ impl MiddlewareManager {
         for event in unseen {
             self.event(event, now);
         }
+    }
+}
+
+/// Cuts a text at a character.
+pub(super) fn cut(text: &mut String, bytes_max: usize) {
+    if text.len() > bytes_max {
+        text.truncate(text.floor_char_boundary(bytes_max));
     }
 }

@@ -14,6 +14,12 @@ use super::desk::Ticket;
 
 /// A controller that could not be emptied is tried again after this long, in microseconds.
 const EMPTY_AGAIN_US: u64 = 1_000_000;
+/// MCs that a node may register beyond those of the model: it may have been built from another one, and hears so.
+const FOREIGN_MCS_MAX: usize = 64;
+/// Longest text in a registration, in bytes.
+const TEXT_BYTES_MAX: usize = 1_000;
+/// Most real-time means in one.
+const REAL_TIME_MAX: usize = 16;
 /// A controller that still reports so long after its token has gone is there, in microseconds.
 const TOKEN_DOUBTED_US: u64 = 1_000_000;
 
@@ -26,7 +32,10 @@ impl MiddlewareManager {
     ) -> bool {
         let owner = &registration.owner;
         let name = &owner.controller;
-        if envelope.from != AgentId::Controller(name.clone()) || envelope.boot != owner.boot {
+        if envelope.from != AgentId::Controller(name.clone())
+            || envelope.boot != owner.boot
+            || !self.is_of_this_size(registration)
+        {
             return false;
         }
         let Some(there) = self.view.controllers.get(name) else {
@@ -114,15 +123,33 @@ impl MiddlewareManager {
         true
     }
 
+    /// Whether a registration is no larger than this cell can make it: it is kept, on disk too.
+    fn is_of_this_size(&self, registration: &Registration) -> bool {
+        let mcs_max = self.view.model.mcs.len() + FOREIGN_MCS_MAX;
+        registration.mcs.len() <= mcs_max
+            && registration.active.len() <= mcs_max
+            && registration.description.len() <= TEXT_BYTES_MAX
+            && registration.real_time.len() <= REAL_TIME_MAX
+            && registration
+                .real_time
+                .iter()
+                .all(|t| t.len() <= TEXT_BYTES_MAX)
+    }
+
     fn refuse(&mut self, owner: &Owner, why: String, now: Now) {
         let name = &owner.controller;
         // Repeated every second by the node: told once for each life.
         let key = format!("refused {owner}");
-        if self.told.insert(key, (0, fam_proto::PlanId(0))).is_none() {
+        if self.told.len() > super::plans::TOLD_MAX {
+            self.told.clear();
+        }
+        let to = AgentId::Controller(name.clone());
+        if self.told.insert(key, (0, fam_proto::PlanId(0))).is_none()
+            && self.tellers.admit_stranger(now)
+        {
             let event = Event::new(Severity::Warning, EventKind::ControllerRefused, why.clone());
             self.event(event.controller(name), now);
         }
-        let to = AgentId::Controller(name.clone());
         self.desk.send(to, Message::RegistrationRefused(why));
     }
 
@@ -193,6 +220,9 @@ impl MiddlewareManager {
         {
             return false;
         }
+        if report.mcs.len() > self.view.model.mcs.len() {
+            return false;
+        }
         let Some(there) = self.view.controllers.get_mut(name) else {
             return false;
         };
@@ -240,6 +270,13 @@ impl MiddlewareManager {
         match process {
             ProcessId::Node(name) => self.node_token(name, boot, alive, now),
             ProcessId::Gateway(name) => {
+                if let Some(gateway) = self.view.gateways.get_mut(name) {
+                    if alive {
+                        gateway.token = Some(gateway.token.map_or(boot, |b| b.max(boot)));
+                    } else if gateway.token == Some(boot) {
+                        gateway.token = None;
+                    }
+                }
                 if let Some(gateway) = self.view.gateways.get_mut(name)
                     && !alive
                     && gateway.boot == Some(boot)
@@ -276,6 +313,15 @@ impl MiddlewareManager {
         let in_force = there.owner().is_some_and(|o| o.boot == boot);
         if alive {
             there.tokens.insert(boot);
+            if there.tokens.len() > crate::cell_view::LIVES_MAX {
+                let own = there.owner().map(|o| o.boot);
+                let spare = there
+                    .tokens
+                    .iter()
+                    .copied()
+                    .find(|b| Some(*b) != own && *b != boot);
+                there.tokens.retain(|b| Some(*b) != spare);
+            }
             if in_force {
                 if there.lost == Some(Loss::Token) {
                     there.lost = None;

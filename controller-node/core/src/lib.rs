@@ -3,6 +3,7 @@
 //!
 //! - [`spec`]: what a node knows of an MC: control variables, initial values, cycle, diagnosis.
 //! - [`runtime`]: the narrow interface to whatever executes an MC; [`plc`] for compiled logic, [`model_mc`] for simulations.
+//! - [`newest`]: which image of a gateway is the newest that can be believed.
 //! - [`replica`]: the passive side: the newest checkpoints of an MC, and its instance ready to run.
 //! - [`active`]: an active MC; it moves as one box from replica to scan thread and back.
 //! - [`scan`]: one tick of the scan thread: records, inputs, Control POUs, frames.
@@ -15,6 +16,7 @@
 pub mod active;
 pub mod buffers;
 pub mod model_mc;
+pub mod newest;
 #[cfg(feature = "compiled")]
 pub mod plc;
 mod record;

@@ -5,6 +5,7 @@
 
 pub use crate::active::ScannedFrame;
 use crate::active::{ActiveMc, Mode, PendingRelease};
+use crate::newest::Newest;
 use crate::record::{LastWord, Verdict, judge};
 use crate::runtime::McRuntime;
 use crate::workload::Workload;
@@ -15,6 +16,8 @@ use std::sync::Arc;
 
 /// An image is fresh if it came within this many ticks, by the node's clock.
 pub const FRESH_TICKS: u64 = 3;
+/// Gateways whose images are kept, at most.
+pub const GATEWAYS_MAX: usize = 64;
 
 /// What a tick needs of its thread.
 pub trait ScanHost<R> {
@@ -49,6 +52,7 @@ pub enum ScanCommand<R> {
 struct Seen {
     image: Arc<InputImage>,
     at: Now,
+    newest: Newest,
 }
 
 /// The state of the scan thread.
@@ -81,19 +85,24 @@ impl<R: McRuntime> ScanCore<R> {
         }
     }
 
-    /// A gateway's image that came at `at`; an older one than the known is dropped.
+    /// A gateway's image that came at `at`; one that is not newer than the known, or cannot be, is dropped.
     pub fn image(&mut self, image: Arc<InputImage>, at: Now) {
+        let room = self.images.len() < GATEWAYS_MAX;
         match self.images.get_mut(&image.gateway) {
             // Numbers grow over restarts of the gateway, which boot ids need not do: they come from a wall clock.
             Some(seen) => {
-                if image.number > seen.image.number {
-                    *seen = Seen { image, at };
+                let newer = seen.newest.admit(image.boot, image.number, at);
+                if newer {
+                    (seen.image, seen.at) = (image, at);
                 }
             }
-            None => {
-                self.images
-                    .insert(image.gateway.clone(), Seen { image, at });
+            None if room => {
+                let mut newest = Newest::default();
+                newest.admit(image.boot, image.number, at);
+                let gateway = image.gateway.clone();
+                self.images.insert(gateway, Seen { image, at, newest });
             }
+            None => {}
         }
     }
 

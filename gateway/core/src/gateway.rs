@@ -26,6 +26,8 @@ use std::sync::Arc;
 
 /// Longest text of a trap that is kept, for each of its parts, in bytes: the ledger has a fixed place on disk.
 pub const TRAP_TEXT_BYTES_MAX: usize = 256;
+/// Lives of one controller whose tokens are kept, at most.
+pub const LIVES_MAX: usize = 16;
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum Pending {
@@ -235,6 +237,40 @@ impl Gateway {
                 self.gates.len()
             ),
         )));
+    }
+
+    /// The token of a node that hosts an MC here; of others nothing is kept, and of one name only so many lives.
+    fn seen(&mut self, owner: Owner) {
+        let hosts = self
+            .gates
+            .values()
+            .any(|gate| gate.model().hosts.contains(&owner.controller));
+        if !hosts {
+            return;
+        }
+        let lives = self
+            .alive
+            .iter()
+            .filter(|o| o.controller == owner.controller);
+        if lives.count() >= LIVES_MAX {
+            // Owners stay: whoever drives must not be forgotten for a token that means nothing.
+            let owns = |o: &Owner| {
+                let records = self.gates.values();
+                records
+                    .into_iter()
+                    .any(|gate| gate.ledger().owner.as_ref() == Some(o))
+            };
+            let spare = self
+                .alive
+                .iter()
+                .find(|o| o.controller == owner.controller && !owns(o))
+                .cloned();
+            match spare {
+                Some(spare) => self.alive.remove(&spare),
+                None => return,
+            };
+        }
+        self.alive.insert(owner);
     }
 
     fn persist(&mut self, write: RecordWrite, pending: Pending) {
@@ -545,7 +581,7 @@ impl Agent for Gateway {
             } => {
                 let owner = Owner { controller, boot };
                 if alive {
-                    self.alive.insert(owner);
+                    self.seen(owner);
                 } else {
                     self.alive.remove(&owner);
                 }

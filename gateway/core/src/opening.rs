@@ -1,7 +1,7 @@
 //! Opening an epoch: who may become owner of an MC, and what he is told to start from.
 //!
 //! ```text
-//!  epoch <= record's ........................ StaleEpoch   (the same open again, before the first frame: the same grant)
+//!  epoch <= record's, or out of all reason .. StaleEpoch   (the same open again, before the first frame: the same grant)
 //!  another layout ........................... Layout
 //!  stopped, faulted, or head lost, no reset . NeedsReset
 //!  released to (e, o): epoch < e ............ StaleEpoch
@@ -15,6 +15,8 @@ use fam_proto::{Ledger, Now, Open, OpenRefusal, Opened, RecordState, Reset};
 
 /// Frames are fresh if the last one is no older than this many cycles of the MC.
 pub const FRESH_CYCLES: u64 = 3;
+/// No manager's epochs are further ahead of the record than this: a damaged number must not use up all that are to come.
+pub const EPOCHS_AHEAD_MAX: u64 = 1 << 32;
 
 /// What becomes of an open.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -41,6 +43,9 @@ pub fn decide(gate: &Gate, open: &Open, owner_seen: bool, now: Now) -> Decision 
         } else {
             Decision::Refuse(OpenRefusal::StaleEpoch)
         };
+    }
+    if open.epoch.0 - record.epoch.0 > EPOCHS_AHEAD_MAX {
+        return Decision::Refuse(OpenRefusal::StaleEpoch);
     }
     if open.layout != gate.model().layout {
         return Decision::Refuse(OpenRefusal::Layout);

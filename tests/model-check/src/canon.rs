@@ -1,7 +1,6 @@
 //! When two states are one: a hasher that knows the marks of moments and growing numbers (`fam_proto::mark`).
 //!
-//! A moment counts as its distance to the clock of its process, and all that lies further back than [`AGE_MAX_US`] as equally
-//! old. Of epochs, boot ids, orders, plans and counters only their order counts, of scans and images also whether one
+//! A moment counts as its distance to the clock of its process, in the classes of [`CLASSES_US`]. Of epochs, boot ids, orders, plans and counters only their order counts, of scans and images also whether one
 //! is the next of another, of digests only which are equal. 0 stays 0. The agents look at nothing else of these numbers, so
 //! that states with one fingerprint go on alike.
 
@@ -11,8 +10,17 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{Hash, Hasher};
 use xxhash_rust::xxh3::Xxh3;
 
-/// No agent tells an age from a greater one beyond this, in microseconds.
-pub const AGE_MAX_US: u64 = 3_000_000;
+/// Distances to the clock are told apart in these classes, in microseconds: the times of the cell and of the agents lie between.
+pub const CLASSES_US: [u64; 8] = [
+    0, 2_000, 6_000, 20_000, 100_000, 330_000, 1_000_000, 2_500_000,
+];
+
+/// The class of a moment: even before the clock, odd after it.
+fn class(moment: u64, clock: u64) -> u64 {
+    let distance = moment.abs_diff(clock);
+    let class = CLASSES_US.partition_point(|us| *us < distance) as u64;
+    2 * class + u64::from(moment > clock)
+}
 
 /// What a process, or a part of one, feeds: plain words folded to one, and marked numbers.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -56,9 +64,7 @@ impl Hasher for Feeder {
         #[allow(clippy::cast_possible_truncation)] // the low half is the number
         let mut number = value as u64;
         if self.mark == Mark::Now as u8 {
-            number = number
-                .saturating_add(AGE_MAX_US)
-                .saturating_sub(self.origin.0);
+            number = class(number, self.origin.0);
         }
         self.flush();
         self.words.push((self.mark, number));
@@ -145,13 +151,14 @@ mod tests {
     #[test]
     fn only_distances_and_orders_count() {
         let at = 10_000_000;
-        // Moments move with their clock; the very old are alike, the future is not.
+        // Moments move with their clock, and count in classes.
         let state = |base: u64| (Now(base - 5), Now(base + 7), "x", 3u32);
         assert_eq!(print(&state(at), at), print(&state(at + 99), at + 99));
-        assert_ne!(print(&state(at), at), print(&state(at), at + 1));
         assert_eq!(print(&Now(1), at), print(&Now(2), at));
-        assert_eq!(print(&Now(5), 5), print(&Now(9), 9));
-        assert_ne!(print(&Now(at + 1), at), print(&Now(at + 2), at));
+        assert_eq!(print(&Now(at + 1), at), print(&Now(at + 2), at));
+        assert_ne!(print(&Now(at + 1), at), print(&Now(at), at));
+        assert_ne!(print(&Now(at + 1), at), print(&Now(at - 1), at));
+        assert_ne!(print(&Now(at + 1), at), print(&Now(at + 200_000), at));
         // Epochs by rank, scans with their gaps, plain numbers as they are.
         assert_eq!(
             print(&(Epoch(3), Epoch(9)), 0),

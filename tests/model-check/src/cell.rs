@@ -189,6 +189,7 @@ impl Cell {
             faults: none,
             facts: Arc::new(Facts::default()),
             activations: 0,
+            late: [false; 2],
         };
         let world = World {
             cell: self,

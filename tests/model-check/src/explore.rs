@@ -50,7 +50,7 @@ struct Seen {
 pub fn explore(faults: Faults, bounds: Bounds, bug: Option<Bug>) -> Report {
     let cell = Cell::default();
     let world = World { cell: &cell, bug };
-    let start = cell.settled(faults);
+    let start = world.prepared(cell.settled(faults));
     let mut search = Search {
         world,
         start: start.clone(),
@@ -168,7 +168,7 @@ impl Search<'_> {
             .collect();
         self.report.driven = self.good.iter().filter(|good| **good).count();
         if self.report.violation.is_none()
-            && let Some(stuck) = self.stuck()
+            && let Some(stuck) = stuck(&self.good, &self.open, &mut self.edges)
         {
             let text = "from here no way leads to a state in which the MC is driven".to_owned();
             let violation = Violation {
@@ -178,31 +178,6 @@ impl Search<'_> {
             self.report.violation = Some((violation, self.way(stuck)));
         }
         self.report
-    }
-
-    /// The first state from which no way without a further fault leads to a driven MC, or out of what was explored.
-    fn stuck(&mut self) -> Option<u32> {
-        self.edges.sort_unstable();
-        let mut reaches: Vec<bool> = (0..self.seen.len())
-            .map(|n| self.good[n] || self.open[n])
-            .collect();
-        let mut work: Vec<u32> = (0..u32::try_from(reaches.len()).unwrap_or(u32::MAX))
-            .filter(|n| reaches[*n as usize])
-            .collect();
-        while let Some(to) = work.pop() {
-            let first = self.edges.partition_point(|(t, _)| *t < to);
-            for (t, from) in &self.edges[first..] {
-                if *t != to {
-                    break;
-                }
-                if !reaches[*from as usize] {
-                    reaches[*from as usize] = true;
-                    work.push(*from);
-                }
-            }
-        }
-        let stuck = reaches.iter().position(|reaches| !reaches)?;
-        u32::try_from(stuck).ok()
     }
 
     fn is_driven(&self, state: &State) -> bool {
@@ -278,6 +253,26 @@ impl Search<'_> {
     }
 }
 
+/// The first state from which no step that is no fault leads on to a good one, or out of what was explored. Edges are `(to, from)`.
+fn stuck(good: &[bool], open: &[bool], edges: &mut [(u32, u32)]) -> Option<u32> {
+    edges.sort_unstable();
+    let mut reaches: Vec<bool> = good.iter().zip(open).map(|(g, o)| *g || *o).collect();
+    let mut work: Vec<u32> = (0..u32::try_from(reaches.len()).unwrap_or(u32::MAX))
+        .filter(|n| reaches[*n as usize])
+        .collect();
+    while let Some(to) = work.pop() {
+        let first = edges.partition_point(|(t, _)| *t < to);
+        for (_, from) in edges[first..].iter().take_while(|(t, _)| *t == to) {
+            if !reaches[*from as usize] {
+                reaches[*from as usize] = true;
+                work.push(*from);
+            }
+        }
+    }
+    let stuck = reaches.iter().position(|reaches| !reaches)?;
+    u32::try_from(stuck).ok()
+}
+
 /// An action in words, in the state in which it is taken.
 fn tell(state: &State, action: &Action) -> String {
     let flight = |n: &usize| {
@@ -305,5 +300,24 @@ fn tell(state: &State, action: &Action) -> String {
             format!("{action:?} ({})", why.map_or("", |(_, why)| why))
         }
         _ => format!("{action:?}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::stuck;
+
+    #[test]
+    fn who_cannot_get_out_of_a_loop_is_stuck() {
+        // 0 -> 1 -> 2 (good); 3 <-> 4 is a loop of its own, 5 -> 3; 6 was not gone on from, 7 -> 6.
+        let edges = [(1, 0), (2, 1), (4, 3), (3, 4), (3, 5), (6, 7)];
+        let mut good = vec![false; 8];
+        good[2] = true;
+        let mut open = vec![false; 8];
+        open[6] = true;
+        assert_eq!(stuck(&good, &open, &mut edges.clone()), Some(3));
+        let mut mended = edges.to_vec();
+        mended.push((2, 4));
+        assert_eq!(stuck(&good, &open, &mut mended), None);
     }
 }

@@ -160,14 +160,10 @@ pub struct Faults {
 pub enum Bug {
     /// A gateway that is started again has forgotten its records.
     RecordsForgotten,
-    /// A manager that is started again has forgotten its epochs, and the records of the gateway do not reach it in time.
-    EpochsForgotten,
     /// An activation starts from the checkpoint held here, whatever the gateway has granted.
     StaleStart,
     /// The gateway does not know whose token it sees, and grants over a healthy owner.
     OwnerUnseen,
-    /// The gateway answers no open.
-    AnswersLost,
 }
 
 /// What has happened, as far as the properties need it.
@@ -208,6 +204,8 @@ pub struct State {
     pub faults: Faults,
     /// The past.
     pub facts: Arc<Facts>,
+    /// The next frame of a node takes its time.
+    pub late: [bool; 2],
     /// Orders to activate so far.
     pub activations: u8,
 }
@@ -268,7 +266,13 @@ impl State {
                 (&self.repository.epochs, self.repository.generation),
                 (&self.repository.assignment, &self.records),
                 (&self.flights, &self.images),
-                (self.cut, self.faults, &self.facts, self.activations),
+                (
+                    self.cut,
+                    self.faults,
+                    &self.facts,
+                    self.activations,
+                    self.late,
+                ),
                 (self.runs, BootId(self.boots)),
             ),
             Now(0),

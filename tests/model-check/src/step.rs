@@ -9,8 +9,8 @@ use fam_gateway_core::{GatewayAct, GatewayLocal, MemoryRecords, RecordWrite, Why
 use fam_proto::access::{McAct, McNews, Start, StateSource};
 use fam_proto::agent::{Agent, Input, Output};
 use fam_proto::{
-    AgentId, BootId, Command, CommandKind, Envelope, Epoch, InputImage, Message, Now, OrderKind,
-    ProcessId, RecordState, RepoState, RepoWrite, encode_frame,
+    AgentId, BootId, Command, CommandKind, Envelope, Epoch, InputImage, McOutcome, Message, Now,
+    OrderKind, ProcessId, RecordState, RepoWrite, encode_frame,
 };
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -30,8 +30,8 @@ pub enum Action {
     Time(Pid),
     /// The same, and the process dies after its first output.
     TimeAndCrash(Pid),
-    /// The MC that runs on a node scans, and its frame takes its time.
-    Scan(usize),
+    /// The next frame of a node will take its time.
+    Late(usize),
     /// An observer's view of another process's liveliness token catches up.
     Token(Pid, Pid),
     /// A process dies.
@@ -57,7 +57,7 @@ impl Action {
                 | Action::TimeAndCrash(_)
                 | Action::Crash(_)
                 | Action::Cut(..)
-                | Action::Scan(_)
+                | Action::Late(_)
                 | Action::Move(_)
         )
     }
@@ -106,8 +106,11 @@ impl World<'_> {
             }
         }
         for node in [0, 1] {
-            if state.faults.late > 0 && self.can_scan(state, node) {
-                actions.push(Action::Scan(node));
+            let runs = state
+                .process(Pid::Node(node))
+                .is_some_and(|p| matches!(&p.body, Body::Node(_, plc, _) if plc.active.is_some()));
+            if state.faults.late > 0 && runs {
+                actions.push(Action::Late(node));
             }
         }
         for (_, pid, why) in self.deadlines(state) {
@@ -197,6 +200,28 @@ impl World<'_> {
         on_its_way < FRAMES_MAX && newer
     }
 
+    /// The state to begin with, with the planted bug in it.
+    #[must_use]
+    pub fn prepared(&self, mut state: State) -> State {
+        if self.bug == Some(Bug::OwnerUnseen)
+            && let Some(process) = state.processes.get_mut(&Pid::Gateway)
+        {
+            let process = Arc::make_mut(process);
+            let now = process.now;
+            let tokens = process.tokens.clone();
+            if let Body::Gateway(gateway) = &mut process.body {
+                for (pid, boot) in tokens {
+                    if let Pid::Node(n) = pid {
+                        let id = ProcessId::Node(self.cell.controllers[n].clone());
+                        gateway.handle(peer(id, boot, false), now);
+                    }
+                }
+            }
+            process.refresh();
+        }
+        state
+    }
+
     fn token_differs(&self, state: &State, observer: Pid, subject: Pid) -> bool {
         let watches = match observer {
             Pid::Manager | Pid::Gateway => observer != subject,
@@ -262,9 +287,9 @@ impl World<'_> {
                 run.time(pid)?;
                 run.crash(pid);
             }
-            Action::Scan(node) => {
+            Action::Late(node) => {
                 run.state.faults.late -= 1;
-                run.scan(node, true)?;
+                run.state.late[node] = true;
             }
             Action::Token(observer, subject) => run.token(observer, subject)?,
             Action::Crash(pid) => {
@@ -396,7 +421,7 @@ impl Run<'_> {
         self.news(pid, news)?;
         // The scan thread takes each new image.
         match pid {
-            Pid::Node(n) => self.scan(n, false),
+            Pid::Node(n) => self.scan(n),
             _ => Ok(()),
         }
     }
@@ -467,8 +492,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The MC on a node scans, if it may. `late`: the frame takes its time.
-    fn scan(&mut self, node: usize, late: bool) -> Result<(), Violation> {
+    /// The MC on a node scans, if it may.
+    fn scan(&mut self, node: usize) -> Result<(), Violation> {
         if !self.world.can_scan(&self.state, node) {
             return Ok(());
         }
@@ -495,6 +520,7 @@ impl Run<'_> {
                 }
             });
         }
+        let late = std::mem::take(&mut self.state.late[node]);
         if late || !self.state.connected(pid, Pid::Gateway) {
             let packet = Arc::new(Packet::Frame(Box::new(frame.clone())));
             let to = Pid::Gateway;
@@ -565,9 +591,6 @@ impl Run<'_> {
         self.state.images.remove(&pid);
         if pid == Pid::Gateway && self.world.bug == Some(Bug::RecordsForgotten) {
             self.state.records = Arc::new(MemoryRecords::default());
-        }
-        if pid == Pid::Manager && self.world.bug == Some(Bug::EpochsForgotten) {
-            self.state.repository = Arc::new(RepoState::default());
         }
     }
 
@@ -725,10 +748,7 @@ impl Run<'_> {
                     if self.is_dead(Pid::Gateway) {
                         return Ok(());
                     }
-                    let answer = matches!(envelope.body, Message::Opened(_));
-                    if !(answer && self.world.bug == Some(Bug::AnswersLost)) {
-                        self.send(Pid::Gateway, envelope);
-                    }
+                    self.send(Pid::Gateway, envelope);
                 }
             }
         }
@@ -871,7 +891,9 @@ impl Run<'_> {
                 }),
                 Body::Gateway(_) => false,
             };
-            if known && !self.state.images.contains_key(&pid) {
+            // A scan thread takes an image as soon as it comes; without late frames nobody sees a difference.
+            let at_once = known || (self.state.faults.late == 0 && matches!(pid, Pid::Node(_)));
+            if at_once && !self.state.images.contains_key(&pid) {
                 self.image(pid, Arc::clone(&image))?;
             } else {
                 self.state.images.insert(pid, Arc::clone(&image));
@@ -934,16 +956,18 @@ impl Run<'_> {
             | Message::Open(_)
             | Message::Opened(_)
             | Message::OpenRefused(_)
-            | Message::Close(_)
-            | Message::McReport(_) => {
-                let flight = Flight {
-                    from,
-                    to,
-                    packet: Arc::new(Packet::Message(Box::new(envelope))),
-                };
-                if !self.state.flights.contains(&flight) {
-                    self.state.flights.push(flight);
-                }
+            | Message::Close(_) => {
+                self.fly(from, to, envelope);
+                return;
+            }
+            // These end a job; all other reports are for people.
+            Message::McReport(report)
+                if matches!(
+                    report.outcome,
+                    McOutcome::NotOpened(_) | McOutcome::ReleaseCancelled(_)
+                ) =>
+            {
+                self.fly(from, to, envelope);
                 return;
             }
             // The outcome of a negotiation is told to nobody who acts on it.
@@ -970,6 +994,17 @@ impl Run<'_> {
         }
     }
 
+    fn fly(&mut self, from: Pid, to: Pid, envelope: Envelope) {
+        let flight = Flight {
+            from,
+            to,
+            packet: Arc::new(Packet::Message(Box::new(envelope))),
+        };
+        if !self.state.flights.contains(&flight) {
+            self.state.flights.push(flight);
+        }
+    }
+
     fn take_inbox(&mut self) -> Result<(), Violation> {
         while let Some((to, envelope)) = self.inbox.pop_front() {
             if self.dies_after.is_some_and(|(dying, _)| dying == to) {
@@ -982,6 +1017,13 @@ impl Run<'_> {
 
     fn settle(&mut self) -> Result<(), Violation> {
         self.take_inbox()?;
+        // What a node hears of the manager's token makes it register again, and nothing else: at once.
+        for node in [Pid::Node(0), Pid::Node(1)] {
+            if self.world.token_differs(&self.state, node, Pid::Manager) {
+                self.token(node, Pid::Manager)?;
+                self.take_inbox()?;
+            }
+        }
         // Frames of epochs that are over are refused for ever: the same as lost.
         let epoch = self.gate(|gate| gate.ledger().epoch);
         if let Some(epoch) = epoch {
