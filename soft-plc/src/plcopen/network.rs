@@ -213,12 +213,11 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             "block" => self.block(node, &id),
             "coil" => self.coil(node, &id),
             "outVariable" => self.out_variable(node),
-            "inOutVariable" => {
+            "inOutVariable"
                 if element(node, "connectionPointIn")
-                    .is_some_and(|p| element(p, "connection").is_some())
-                {
-                    self.out_variable(node);
-                }
+                    .is_some_and(|p| element(p, "connection").is_some()) =>
+            {
+                self.out_variable(node);
             }
             "jump" => self.jump(node),
             "return" => {

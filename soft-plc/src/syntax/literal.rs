@@ -159,15 +159,17 @@ fn clock(text: &str, span: Span) -> Fallible<i64> {
     let whole = |text: Option<&str>, limit: i64| {
         text.and_then(|t| t.parse::<i64>().ok())
             .filter(|v| *v < limit)
-            .ok_or_else(|| bad_date(span))
     };
-    let hours = whole(parts.next(), 24)?;
-    let minutes = whole(parts.next(), 60)?;
+    let hours = whole(parts.next(), 24);
+    let minutes = whole(parts.next(), 60);
     let (seconds, fraction) = match parts.next() {
         Some(text) => text.split_once('.').unwrap_or((text, "")),
         None => ("0", ""),
     };
-    let seconds = whole(Some(seconds), 60)?;
+    let seconds = whole(Some(seconds), 60);
+    let (Some(hours), Some(minutes), Some(seconds)) = (hours, minutes, seconds) else {
+        return bad_date(span).fail();
+    };
     let mut ns = ((hours * 60 + minutes) * 60 + seconds) * SECOND_NS;
     let mut scale = SECOND_NS;
     for digit in fraction.chars().filter_map(|c| c.to_digit(10)) {
