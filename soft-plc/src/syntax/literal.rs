@@ -160,14 +160,14 @@ fn clock(text: &str, span: Span) -> Fallible<i64> {
         text.and_then(|t| t.parse::<i64>().ok())
             .filter(|v| *v < limit)
     };
-    let (Some(hours), Some(minutes)) = (whole(parts.next(), 24), whole(parts.next(), 60)) else {
-        return bad_date(span).fail();
-    };
+    let hours = whole(parts.next(), 24);
+    let minutes = whole(parts.next(), 60);
     let (seconds, fraction) = match parts.next() {
         Some(text) => text.split_once('.').unwrap_or((text, "")),
         None => ("0", ""),
     };
-    let Some(seconds) = whole(Some(seconds), 60) else {
+    let seconds = whole(Some(seconds), 60);
+    let (Some(hours), Some(minutes), Some(seconds)) = (hours, minutes, seconds) else {
         return bad_date(span).fail();
     };
     let mut ns = ((hours * 60 + minutes) * 60 + seconds) * SECOND_NS;

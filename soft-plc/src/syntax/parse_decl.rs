@@ -349,13 +349,9 @@ impl Parser<'_> {
                 block.constant = true;
             } else if self.eat_kw(Kw::Retain) {
                 block.retain = true;
-            } else if !self.eat_kw(Kw::NonRetain)
-                && !self.eat_word("PERSISTENT")
-                && ([Tok::Colon, Tok::Comma, Tok::Kw(Kw::At)].contains(&self.peek_at(1))
-                    || !["PUBLIC", "PRIVATE", "PROTECTED", "INTERNAL"]
-                        .iter()
-                        .any(|word| self.eat_word(word)))
-            {
+            } else if self.eat_kw(Kw::NonRetain) || self.eat_word("PERSISTENT") {
+                // What is not retained, and what other systems keep apart: nothing to note.
+            } else if !self.eat_access() {
                 break;
             }
         }
@@ -389,6 +385,15 @@ impl Parser<'_> {
                 self.recover(ends_variables);
             }
         }
+    }
+
+    /// An access specifier behind VAR, unless it is the name of the first variable.
+    fn eat_access(&mut self) -> bool {
+        let is_name = matches!(self.peek_at(1), Tok::Colon | Tok::Comma | Tok::Kw(Kw::At));
+        !is_name
+            && ["PUBLIC", "PRIVATE", "PROTECTED", "INTERNAL"]
+                .iter()
+                .any(|word| self.eat_word(word))
     }
 
     /// `a, b AT %IW2 : INT := 5;`

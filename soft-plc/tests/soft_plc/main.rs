@@ -16,5 +16,6 @@ mod random_expressions;
 mod regions;
 mod runtime;
 mod semantics;
+mod standalone;
 mod third_edition;
 mod traps;
