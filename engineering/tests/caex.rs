@@ -667,9 +667,9 @@ const BAD: &[Case] = &[
         &[(
             "the logic/m.xml",
             "<ST><xhtml:p>Lamp := FALSE; end := TRUE;</xhtml:p></ST>",
-            "<SFC />",
+            "<XYZ />",
         )],
-        &["Off", "SFC"],
+        &["Off", "XYZ"],
     ),
 ];
 

@@ -41,6 +41,34 @@ pub fn body_text(project: &Project, pou: &Pou) -> String {
     trimmed(text.get(start..end).unwrap_or("")).to_owned()
 }
 
+/// The whole `<pou>` element of a POU whose body is a diagram, a chart or a list: what has no ST text is kept as it was drawn.
+#[must_use]
+pub fn drawn<'a>(project: &'a Project, pou: &Pou) -> Option<&'a str> {
+    let text = &project.sources.get(pou.name.span.source).text;
+    if !text.trim_start().starts_with('<') {
+        return None;
+    }
+    let name = pou.name.span.start as usize;
+    let start = text[..name].rfind("<pou")?;
+    let end = name + text[name..].find("</pou>")? + "</pou>".len();
+    let element = &text[start..end];
+    let body = element.split_once("<body")?.1;
+    let language = body.split_once('>')?.1.trim_start();
+    let name = language
+        .split(['>', ' ', '\t', '\r', '\n'])
+        .next()
+        .unwrap_or("");
+    let name = name
+        .trim_start_matches('<')
+        .rsplit(':')
+        .next()
+        .unwrap_or("");
+    let is_text =
+        name.starts_with('/') || matches!(name, "ST" | "ST/" | "" | "addData" | "documentation");
+    let has_more = element.contains("<actions") || element.contains("<transitions");
+    (!is_text || has_more).then_some(element)
+}
+
 /// Likewise for the text of an element, whose first line may begin with the element.
 fn of_element(text: &str) -> &str {
     let text = text.trim_end();
@@ -194,6 +222,26 @@ mod tests {
             );
             assert!(!text.contains("xhtml") && !text.contains("CDATA"), "{text}");
         }
+    }
+
+    #[test]
+    fn what_is_drawn_is_kept_as_it_is() {
+        let pou = |body: &str| {
+            format!("<pou name=\"P\" pouType=\"program\"><interface/><body>{body}</body></pou>")
+        };
+        let of = |body: &str| {
+            let file = format!(
+                "<project xmlns=\"http://www.plcopen.org/xml/tc6_0201\" xmlns:xhtml=\"http://www.w3.org/1999/xhtml\"><types><pous>{}</pous></types></project>",
+                pou(body)
+            );
+            let (project, _) = parse_project(&[SourceFile::new("a.xml", file)]);
+            drawn(&project, &project.pous[0]).map(str::to_owned)
+        };
+        assert_eq!(of("<LD></LD>"), Some(pou("<LD></LD>")));
+        assert_eq!(of("\n<FBD/>"), Some(pou("\n<FBD/>")));
+        assert_eq!(of("<ST><xhtml:p>;</xhtml:p></ST>"), None);
+        assert_eq!(of("<ST/>"), None);
+        assert_eq!(of(""), None);
     }
 
     #[test]

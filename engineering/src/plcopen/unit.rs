@@ -3,7 +3,7 @@
 //! The POUs of all MCs of a controller share one list in its project, but names may repeat between MCs. A unit can be written
 //! with some of its names changed; everything that refers to them changes with it.
 
-use super::body::{body_text, words};
+use super::body::{body_text, drawn, words};
 use super::xml::Xml;
 use fam_soft_plc::source::Span;
 use fam_soft_plc::syntax::ast::{
@@ -316,6 +316,33 @@ impl UnitWriter<'_> {
         }
     }
 
+    /// An element as it stands in its file, with renamed items under their new names: they stand in quotes there.
+    fn redrawn(&self, element: &str) -> String {
+        let mut out = self.renamed(element, &[]);
+        for (old, new) in self.renames {
+            let mut done = String::with_capacity(out.len());
+            let mut rest = out.as_str();
+            while let Some(at) = rest.find('"') {
+                let (before, quoted) = rest.split_at(at + 1);
+                done.push_str(before);
+                let end = quoted.find('"').unwrap_or(quoted.len());
+                let (word, after) = quoted.split_at(end);
+                done.push_str(if word.eq_ignore_ascii_case(old) {
+                    new
+                } else {
+                    word
+                });
+                let close = after.len().min(1);
+                done.push_str(&after[..close]);
+                rest = &after[close..];
+            }
+            done.push_str(rest);
+            out = done;
+        }
+        out.push('\n');
+        out
+    }
+
     fn block(&self, xml: &mut Xml, element: &str, block: &VarBlock) {
         let mut attributes = Vec::new();
         if block.constant {
@@ -332,6 +359,9 @@ impl UnitWriter<'_> {
     }
 
     fn pou(&self, pou: &Pou) -> String {
+        if let Some(element) = drawn(self.project, pou) {
+            return self.redrawn(element);
+        }
         let mut xml = Xml::fragment();
         let kind = match pou.kind {
             PouKind::Program => "program",
