@@ -69,6 +69,9 @@ fn wait_scanning(cell: &ImageCell, mc: &str) {
     });
 }
 
+/// A key, and what came under it.
+type Heard = (String, Vec<u8>);
+
 #[test]
 fn a_peer_gone_wild_stops_nothing() {
     let mut cell = ImageCell::start();
@@ -135,7 +138,7 @@ async fn attack(cell: &ImageCell) -> Vec<fam_proto::Applied> {
         ..LinkOptions::new(name.clone(), ProcessId::Node(intruder))
     };
     let (link, _events) = Link::open(options).await.unwrap();
-    let heard: Arc<Mutex<Vec<(String, Vec<u8>)>>> = Arc::default();
+    let heard: Arc<Mutex<Vec<Heard>>> = Arc::default();
     let sink = Arc::clone(&heard);
     let _ears = link
         .subscribe("fam/two_stations/**", move |key, bytes| {
