@@ -195,7 +195,9 @@ pub struct GatewayView {
     pub token: Option<BootId>,
     /// Newest image.
     pub image: ImageNumber,
-    /// When that came.
+    /// The last image that claimed to be of another life while this one's token was seen.
+    pub doubtful: Option<(BootId, ImageNumber)>,
+    /// When the newest image came.
     pub heard: Now,
     /// Token gone or images missing.
     pub down: bool,

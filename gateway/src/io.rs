@@ -221,7 +221,8 @@ impl IoView {
 
 fn is_asked(point: &IoPoint, name: &str) -> bool {
     point.name == name
-        || point.place.strip_prefix("image:") == Some(name)
+        || (point.direction == Direction::Output
+            && point.place.strip_prefix("image:") == Some(name))
         || point
             .name
             .strip_prefix(name)

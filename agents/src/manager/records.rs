@@ -32,6 +32,19 @@ impl MiddlewareManager {
             self.bad_messages += 1;
             return;
         }
+        // Another life, while the token of this one is seen, is believed with its second image in succession.
+        if known.is_some_and(|b| b != image.boot) && gateway.token == known {
+            let before = gateway.doubtful.replace((image.boot, image.number));
+            let second = before.is_some_and(|(boot, number)| {
+                let steps = image.number.0.saturating_sub(number.0);
+                boot == image.boot && (1..=IMAGES_AHEAD).contains(&steps)
+            });
+            if !second {
+                self.bad_messages += 1;
+                return;
+            }
+        }
+        gateway.doubtful = None;
         let was_down = gateway.down;
         gateway.boot = Some(image.boot);
         gateway.image = image.number;
