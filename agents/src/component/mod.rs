@@ -231,7 +231,7 @@ impl McAgent {
     }
 
     /// An order of the manager in the life `boot`: acknowledged always, carried out once. Which life counts is told before
-    /// ([`crate::controller::ControllerAgent::is_over`]).
+    /// (`ControllerAgent::is_over`).
     pub fn order(&mut self, boot: BootId, order: Order, now: Now) {
         // Numbers begin with the boot id and count on. One damaged number must not make the MCA deaf to the orders to come.
         let last = self.order.filter(|(known, _)| *known == boot);

@@ -6,7 +6,7 @@
 //! - [`uri`], [`container`], [`mod@zip`]: references to files, and the files of a container.
 //! - [`cell`]: what the objects mean: the cell's tables.
 //! - [`foreign`]: models that know nothing of FAM.
-//! - [`write`]: the tables as a CAEX file.
+//! - [`mod@write`]: the tables as a CAEX file.
 
 pub mod cell;
 mod component;

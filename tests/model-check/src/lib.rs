@@ -7,7 +7,7 @@
 //!
 //! An own explorer, in breadth, over the idea of `stateright`: that crate wants whole states to be hashed and kept, and its
 //! liveness is unsound on cycles; here states are the same if they differ in absolute times and numbers only ([`canon`]), parts
-//! that do not change are shared, and liveness is decided on the graph when it is complete ([`explore`]).
+//! that do not change are shared, and liveness is decided on the graph when it is complete ([`mod@explore`]).
 //!
 //! - [`cell`]: the cell, and the state from which everything is explored.
 //! - [`state`]: a state of the world; [`step`]: what can happen next and what comes of it.
