@@ -358,6 +358,8 @@ async fn an_endless_loop_is_ended_and_answered_by_the_stop_pou_while_the_other_m
     let cell = folder.path().join("cell.toml");
     let model = fam_engineering::build(&cell).unwrap().model;
     let (mut played, connect) = Played::start(&model).await;
+    // in every image from the first on: an MC may scan at once on an image from before its grant, and 100 / 0 traps
+    played.fence.inputs[0][0] = 5;
     let controller = ControllerId::new("controller1").unwrap();
     let mut options = NodeOptions::new(cell, controller.clone());
     options.connect = connect;
@@ -370,7 +372,6 @@ async fn an_endless_loop_is_ended_and_answered_by_the_stop_pou_while_the_other_m
             p.has_heard(|m| matches!(m, Message::Register(_)))
         })
         .await;
-    played.fence.inputs[0][0] = 5;
     played.activate(&controller, 0);
     played.activate(&controller, 1);
     played
