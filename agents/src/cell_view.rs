@@ -197,6 +197,8 @@ pub struct GatewayView {
     pub image: ImageNumber,
     /// The last image that claimed to be of another life while this one's token was seen.
     pub doubtful: Option<(BootId, ImageNumber)>,
+    /// What the gateway could not read, since its start.
+    pub bad_messages: u64,
     /// When the newest image came.
     pub heard: Now,
     /// Token gone or images missing.

@@ -66,6 +66,8 @@ pub enum Command {
     Ack(AckArgs),
     /// Read and write the points of a gateway with the `image` driver
     Io(IoArgs),
+    /// Show live values of running MCs
+    Watch(WatchArgs),
     /// Run the programs of a project alone, in simulated time
     Run(RunArgs),
     /// Check cells and logic and say everything that is wrong with them
@@ -392,6 +394,42 @@ pub enum IoCommand {
         /// Values
         values: Vec<String>,
     },
+}
+
+/// `fam watch`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  fam watch Station1.step Station1.axis.position          a table that follows the cell
+  fam watch Station2.step Transport.pallets --csv         a line for each sample in which something was applied
+  fam watch Feeder.count --cell cell.toml --samples 1     one look, for scripts
+
+Values are those behind the outputs applied last, one consistent scan for each MC. They come from the gateway: the
+controllers notice nothing. Paths are those of the program: `timer.ET`, `table[3].height`, `Station1_Control.wasActive`.")]
+pub struct WatchArgs {
+    /// `<MC>.<variable>`: a scalar, a text, an array, a structure or an instance
+    #[arg(required = true, value_name = "MC.VARIABLE")]
+    pub variables: Vec<String>,
+    /// The model that the cell runs: it knows where each variable lies
+    #[arg(
+        long,
+        value_name = "FILE",
+        default_value = "deploy/fms200/fms200.aml",
+        env = "FAM_CELL"
+    )]
+    pub cell: PathBuf,
+    /// Zenoh endpoints of the gateways
+    #[arg(long = "gateway", value_name = "ENDPOINT", default_value = DEFAULT_GATEWAY, env = "FAM_GATEWAY")]
+    pub endpoints: Vec<String>,
+    /// Time between two looks, in milliseconds
+    #[arg(long, value_name = "MS", default_value_t = 200)]
+    pub every_ms: u64,
+    /// End after so many samples
+    #[arg(long, value_name = "N")]
+    pub samples: Option<u64>,
+    /// Comma-separated values: the gateway's time in ms, each MC's scan, the values
+    #[arg(long)]
+    pub csv: bool,
 }
 
 /// `fam check`

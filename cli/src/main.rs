@@ -19,6 +19,7 @@ mod soak;
 mod status;
 mod tests_of_logic;
 mod up;
+mod watch;
 
 use anyhow::Result;
 use args::{Cli, Command};
@@ -129,6 +130,7 @@ fn dispatch(command: Command) -> Result<bool> {
             }
             Command::Ack(a) => operate::command(&a.cell, CommandKind::Acknowledge(a.event)).await?,
             Command::Io(args) => io::run(&args).await?,
+            Command::Watch(args) => watch::run(&args).await?,
         }
         Ok(true)
     })

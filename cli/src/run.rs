@@ -150,7 +150,7 @@ impl Session<'_> {
     fn show_watched(&self, scan: u64, watched: &[(String, VariableInfo)]) {
         let mut line = format!("scan {scan}:");
         for (name, info) in watched {
-            let value = standalone::show(&self.instance, info).map(|s| plain(&s));
+            let value = standalone::show(&self.instance, info).map(|s| shown_text(&s));
             let _ = write!(line, " {name}={}", value.unwrap_or_default());
         }
         if self.args.json {
@@ -174,7 +174,7 @@ impl Session<'_> {
             println!("{out}");
         } else if self.args.watch.is_empty() {
             for (path, shown) in &variables {
-                println!("{path} = {}", plain(shown));
+                println!("{path} = {}", shown_text(shown));
             }
         }
         std::io::stdout().flush()?;
@@ -222,19 +222,19 @@ fn real(v: f64) -> Json {
 }
 
 /// A value as one word or line.
-fn plain(shown: &Shown) -> String {
+pub fn shown_text(shown: &Shown) -> String {
     match shown {
         Shown::Scalar(value) => value.to_string(),
         Shown::Name(name) => name.clone(),
         Shown::Text(text) => format!("'{text}'"),
         Shown::Array(list) => {
-            let items: Vec<String> = list.iter().map(plain).collect();
+            let items: Vec<String> = list.iter().map(shown_text).collect();
             format!("[{}]", items.join(", "))
         }
         Shown::Struct(fields) => {
             let items: Vec<String> = fields
                 .iter()
-                .map(|(name, value)| format!("{name} := {}", plain(value)))
+                .map(|(name, value)| format!("{name} := {}", shown_text(value)))
                 .collect();
             format!("({})", items.join(", "))
         }
@@ -403,7 +403,7 @@ impl Trace {
             let shown = standalone::show(instance, info);
             let text = match &shown {
                 Some(Shown::Text(text)) => text.clone(),
-                Some(shown) => plain(shown),
+                Some(shown) => shown_text(shown),
                 None => String::new(),
             };
             let _ = write!(line, ",{}", quoted(&text));

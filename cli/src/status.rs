@@ -83,10 +83,14 @@ pub fn render(status: &CellStatus) -> String {
         .iter()
         .map(|g| {
             format!(
-                "gateway {}: {}, image {}\n",
+                "gateway {}: {}, image {}{}\n",
                 g.gateway,
                 if g.up { "up" } else { "down" },
-                g.image
+                g.image,
+                match g.bad_messages {
+                    0 => String::new(),
+                    bad => format!(", {bad} unreadable message(s)"),
+                }
             )
         })
         .collect();

@@ -4,8 +4,9 @@
 use crate::field::image::Points;
 use fam_driver::{Link, LinkError, RequestError, Server};
 use fam_gateway_core::place;
+use fam_gateway_core::stored::StoredHead;
 use fam_proto::model::{CellModel, FieldPoint, InputSource, McModel, ModbusTable, Number};
-use fam_proto::{CellId, GatewayId, InputImage, McId, keys};
+use fam_proto::{CellId, GatewayId, Head, InputImage, McId, Record, Watched, codec, keys};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -61,6 +62,7 @@ pub struct IoPoint {
 struct Now {
     image: Option<Arc<InputImage>>,
     outputs: BTreeMap<McId, Arc<[u8]>>,
+    heads: BTreeMap<McId, StoredHead>,
 }
 
 /// The values of a gateway, kept up to date by its process.
@@ -95,6 +97,61 @@ impl IoView {
     /// Takes an MC's newest outputs.
     pub fn outputs(&self, mc: McId, outputs: Arc<[u8]>) {
         self.lock().outputs.insert(mc, outputs);
+    }
+
+    /// Takes an MC's newest head.
+    pub fn head(&self, mc: McId, head: StoredHead) {
+        self.lock().heads.insert(mc, head);
+    }
+
+    /// Shows MCs to whoever watches them, for as long as the server is kept.
+    ///
+    /// # Errors
+    /// If the link is closed.
+    pub fn serve_watched(
+        self: &Arc<Self>,
+        link: &Link,
+        gateway: &GatewayId,
+    ) -> Result<Server, LinkError> {
+        let view = Arc::clone(self);
+        link.serve(&keys::watch(link.cell(), gateway), move |bytes| {
+            let mc = std::str::from_utf8(bytes).ok();
+            let mc = mc.and_then(|name| McId::new(name).ok());
+            let mc = mc.ok_or("expected the name of an MC")?;
+            codec::encode(&view.watched(&mc)?).map_err(|error| error.to_string())
+        })
+    }
+
+    /// An MC as it stands here.
+    ///
+    /// # Errors
+    /// Words for the asker: no such MC, or nothing is known of it yet.
+    pub fn watched(&self, mc: &McId) -> Result<Watched, String> {
+        let now = self.lock();
+        if !self.mcs.iter().any(|model| &model.mc == mc) {
+            let names: Vec<&str> = self.mcs.iter().map(|model| model.mc.as_str()).collect();
+            return Err(format!(
+                "this gateway does not serve {mc}; it has {}",
+                names.join(", ")
+            ));
+        }
+        let image = now.image.as_ref().ok_or("no image has been sent yet")?;
+        let record = image.record_of(mc).ok_or("it has no record yet")?;
+        let head = now.heads.get(mc).filter(|_| record.head.is_some());
+        Ok(Watched {
+            record: Record {
+                mc: mc.clone(),
+                epoch: record.epoch,
+                owner: record.owner.clone(),
+                state: record.state.clone(),
+                head: head.map(|head| Head {
+                    checkpoint: head.checkpoint(),
+                    outputs: head.outputs.to_vec(),
+                }),
+            },
+            inputs: image.inputs_of(mc).map_or(Vec::new(), |i| i.bytes.clone()),
+            at_us: image.sent_at_us,
+        })
     }
 
     /// Answers requests under the gateway's key for as long as the server is kept.

@@ -136,7 +136,12 @@ pub async fn run_model(
 
     let (field, points, field_text) = start_field(model, &id, &options, &locals);
     let view = Arc::new(IoView::new(model, &id, points));
-    let io_server = view.serve(&link, &id)?;
+    for record in &stored {
+        if let Some(head) = &record.head {
+            view.head(record.mc.clone(), head.clone());
+        }
+    }
+    let io_server = (view.serve(&link, &id)?, view.serve_watched(&link, &id)?);
     let recording = Recording::start(&link, &id, options.stream_applied, journal)?;
     tracing::info!(
         gateway = %id,
@@ -170,6 +175,7 @@ pub async fn run_model(
         view,
         recording,
         locals: locals.clone(),
+        bad_told: 0,
         left: false,
     };
     let leaving = async {
@@ -281,12 +287,18 @@ struct GatewayShell {
     view: Arc<IoView>,
     recording: Recording,
     locals: UnboundedSender<GatewayLocal>,
+    /// What the core knows of messages that did not read.
+    bad_told: u64,
     left: bool,
 }
 
 impl Shell<RecordWrite, GatewayAct> for GatewayShell {
     fn persist(&mut self, write: RecordWrite) -> Result<(), String> {
-        self.records.write(&write)
+        self.records.write(&write)?;
+        if let RecordWrite::Head { mc, head } = write {
+            self.view.head(mc, head);
+        }
+        Ok(())
     }
 
     fn act(&mut self, action: GatewayAct, _: Now) {
@@ -296,6 +308,11 @@ impl Shell<RecordWrite, GatewayAct> for GatewayShell {
                 self.link.publish_image(&image);
                 self.view.image(image);
                 self.recording.tick();
+                let bad = self.link.bad_messages();
+                if bad != self.bad_told {
+                    self.bad_told = bad;
+                    let _ = self.locals.send(GatewayLocal::BadMessages(bad));
+                }
             }
             GatewayAct::ApplyOutputs { mc, outputs, why } => {
                 self.field.apply(&mc, &outputs);

@@ -8,6 +8,7 @@
 //! | `fam/<cell>/event` | the manager | whoever follows the events |
 //! | `fam/<cell>/applied/<gateway>` | the gateway, on request | benchmarks and the demo |
 //! | `fam/<cell>/io/<gateway>` | whoever asks | the gateway, which answers |
+//! | `fam/<cell>/watch/<gateway>` | whoever watches variables | the gateway, which answers with the MC as it stands |
 //! | `fam/<cell>/alive/<process>/<boot>` | liveliness token of a process | gateways, manager, nodes |
 
 use crate::ids::{BootId, CellId, ControllerId, GatewayId, McId, ProcessId};
@@ -46,6 +47,12 @@ pub fn applied(cell: &CellId, gateway: &GatewayId) -> String {
 #[must_use]
 pub fn io(cell: &CellId, gateway: &GatewayId) -> String {
     format!("fam/{cell}/io/{gateway}")
+}
+
+/// Key under which a gateway shows an MC as it stands: its record, its inputs.
+#[must_use]
+pub fn watch(cell: &CellId, gateway: &GatewayId) -> String {
+    format!("fam/{cell}/watch/{gateway}")
 }
 
 /// Key of the liveliness token of one life of a process.

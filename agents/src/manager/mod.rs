@@ -224,6 +224,16 @@ impl MiddlewareManager {
                 }
                 good
             }
+            Message::BadMessages(count) => match &envelope.from {
+                AgentId::Gateway(name) => match self.view.gateways.get_mut(name) {
+                    Some(gateway) => {
+                        gateway.bad_messages = *count;
+                        true
+                    }
+                    None => false,
+                },
+                _ => false,
+            },
             Message::Command(command) => self.command(&envelope, command, now),
             Message::Query(query) => self.query(&envelope, query, in_progress, now),
             Message::Registered(_)

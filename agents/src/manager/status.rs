@@ -61,6 +61,7 @@ impl MiddlewareManager {
                     boot: g.boot,
                     up: g.is_up(),
                     image: g.image.0,
+                    bad_messages: g.bad_messages,
                 })
                 .collect(),
             in_progress: (!in_progress.is_empty()).then(|| in_progress.join("; ")),

@@ -72,6 +72,10 @@ pub struct Gateway {
     stray: BTreeMap<Rejection, u64>,
     /// Messages that were not for a gateway, or whose sender is not who asks.
     misdirected: u64,
+    /// What the process could not read.
+    unreadable: u64,
+    /// When the manager was told of all these last.
+    bad_told: Option<Now>,
     alive: BTreeSet<Owner>,
     image: ImageNumber,
     next_tick: Now,
@@ -152,6 +156,8 @@ impl Gateway {
             foreign,
             stray: BTreeMap::new(),
             misdirected: 0,
+            unreadable: 0,
+            bad_told: None,
             alive: BTreeSet::new(),
             image,
             next_tick: now,
@@ -194,6 +200,11 @@ impl Gateway {
     #[must_use]
     pub fn misdirected(&self) -> u64 {
         self.misdirected
+    }
+    /// All that could not be read or was not for this gateway, as the manager is told.
+    #[must_use]
+    pub fn bad_messages(&self) -> u64 {
+        self.stray.values().sum::<u64>() + self.misdirected + self.unreadable
     }
     /// Number of the newest image.
     #[must_use]
@@ -623,6 +634,7 @@ impl Agent for Gateway {
                     Event::new(Severity::Info, EventKind::FieldDeviceBack, text),
                 );
             }
+            Input::Local(GatewayLocal::BadMessages(count)) => self.unreadable = count,
             Input::Local(GatewayLocal::Wake) => self.tick(now),
             Input::Local(GatewayLocal::Leave) => self.leave(now),
         }

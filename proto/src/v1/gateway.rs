@@ -1,7 +1,7 @@
 //! What a gateway keeps on disk beside the bytes of the heads, and what its recorder tells of the frames applied.
 
 use super::checkpoint::{CheckpointId, Digest, LayoutHash, Phase};
-use super::record::RecordState;
+use super::record::{Record, RecordState};
 use crate::codec::Wire;
 use crate::ids::{BootId, Epoch, GatewayId, ImageNumber, McId, Owner, Scan};
 use serde::{Deserialize, Serialize};
@@ -50,6 +50,23 @@ pub struct HeadMeta {
 impl Wire for HeadMeta {
     const KIND: u8 = 9;
     const NAME: &'static str = "gateway head";
+}
+
+/// An MC as it stands at its gateway, for whoever watches its variables: nothing of it comes from the controllers' time.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Watched {
+    /// The record with its head: the checkpoint behind the outputs.
+    pub record: Record,
+    /// The MC's newest input image.
+    #[serde(with = "serde_bytes")]
+    pub inputs: Vec<u8>,
+    /// When the newest input image was sent, on the gateway's clock, in microseconds.
+    pub at_us: u64,
+}
+
+impl Wire for Watched {
+    const KIND: u8 = 11;
+    const NAME: &'static str = "watched MC";
 }
 
 /// One frame that was applied to the field.

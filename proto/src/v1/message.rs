@@ -80,6 +80,8 @@ pub enum Message {
     Query(Query),
     /// Its answer.
     QueryReply(Box<QueryReply>),
+    /// Gateway to MM, once a second if there are any: messages that it could not read or that were not for it, since its start.
+    BadMessages(u64),
 }
 
 /// What a controller hosts, as its CA registers it.

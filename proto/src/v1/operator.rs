@@ -153,4 +153,6 @@ pub struct GatewayStatus {
     pub up: bool,
     /// Number of the newest image.
     pub image: u64,
+    /// Frames and messages that it could not read, or that were not for it, since its start.
+    pub bad_messages: u64,
 }

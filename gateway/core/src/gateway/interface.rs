@@ -24,6 +24,8 @@ pub enum GatewayLocal {
         /// Name or address of the device.
         device: String,
     },
+    /// Frames and messages that did not read before they came here, since the start of the process.
+    BadMessages(u64),
     /// The process's own timer: as `Agent::handle_timeout`.
     Wake,
     /// The gateway is asked to end: whatever is driven is set to its fail-safe values, because nobody will watch it. Answered by

@@ -6,11 +6,12 @@ use crate::stored::RecordWrite;
 use fam_proto::agent::Output;
 use fam_proto::model::InputSource;
 use fam_proto::{
-    Event, EventKind, InputImage, McExports, McId, McInputs, Now, RecordState, Severity,
+    AgentId, Event, EventKind, InputImage, McExports, McId, McInputs, Message, Now, RecordState,
+    Severity,
 };
 use std::sync::Arc;
 
-/// Rejected frames of one MC are reported at most once in this time, in microseconds.
+/// Rejected frames of one MC, and all messages that do not read, are reported at most once in this time, in microseconds.
 pub const REPORT_REJECTED_US: u64 = 1_000_000;
 
 impl Gateway {
@@ -32,6 +33,15 @@ impl Gateway {
             self.suspect(&mc, now);
         }
         self.report_rejected(now);
+        let bad = self.bad_messages();
+        if bad > 0
+            && self
+                .bad_told
+                .is_none_or(|at| now.since_us(at) >= REPORT_REJECTED_US)
+        {
+            self.bad_told = Some(now);
+            self.send(AgentId::Manager, Message::BadMessages(bad));
+        }
     }
 
     fn watchdog(&mut self, mc: &McId, now: Now) {
