@@ -6,8 +6,8 @@
 use fam_proto::mark::{Mark, hash_marked};
 use fam_proto::model::{CellModel, McModel};
 use fam_proto::{
-    BootId, ControllerId, Epoch, GatewayId, ImageNumber, McId, McaState, Now, Owner, PlanId,
-    RecordState, RecordSummary, Registration, Reset, ResourceReport,
+    BootId, ControllerId, Epoch, GatewayId, ImageNumber, LayoutHash, McId, McaState, Now, Owner,
+    PlanId, RecordState, RecordSummary, Registration, Reset, ResourceReport,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{Hash, Hasher};
@@ -176,6 +176,8 @@ pub struct McView {
     pub state: Option<McaState>,
     /// Its owner under this epoch is lost to the manager, but the gateway sees it drive: left alone.
     pub left_alone: Option<Epoch>,
+    /// Version and layout in force, where it was learned from who drives; else the model's.
+    pub version: Option<(u64, LayoutHash)>,
 }
 
 impl McView {
@@ -263,6 +265,13 @@ impl CellView {
     pub fn mc(&self, mc: &McId) -> Option<(&McModel, &McView)> {
         let view = self.mcs.get(mc)?;
         Some((self.model.mcs.get(view.at)?, view))
+    }
+
+    /// Version of an MC in force, and the layout of its state: that of whoever drives it, else the model's.
+    #[must_use]
+    pub fn version_of(&self, mc: &McId) -> Option<(u64, LayoutHash)> {
+        let (model, view) = self.mc(mc)?;
+        Some(view.version.unwrap_or((model.hash, model.layout)))
     }
 
     /// Whether this life of a controller is the one in force and up.

@@ -4,10 +4,11 @@
 //! It registers again whenever a manager with another boot id speaks or appears; reports flow while it is registered.
 
 use crate::node::{NodeAct, NodeConfig, NodeOutput, NodeSample};
+use fam_proto::model::McModel;
 use fam_proto::{
     AgentId, Award, Bid, BootId, CallForProposals, Cause, ControllerId, Envelope, Epoch, Event,
-    EventKind, GatewayId, Hosted, InputImage, McId, McLoad, McOffer, Message, Now, QosEvent,
-    Registered, Registration, ResourceReport, Severity,
+    EventKind, GatewayId, Hosted, InputImage, LayoutHash, McId, McLoad, McOffer, Message, Now,
+    QosEvent, Registered, Registration, ResourceReport, Severity, Staged,
 };
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -95,6 +96,8 @@ pub struct ControllerAgent {
     /// Whether an MC is being opened here.
     opening: bool,
     won: Option<Award>,
+    /// Version and layout of each MC that runs here, or would.
+    versions: BTreeMap<McId, (u64, LayoutHash)>,
     out: VecDeque<NodeOutput>,
 }
 
@@ -102,7 +105,11 @@ impl ControllerAgent {
     /// A CA that registers at once.
     #[must_use]
     pub fn new(config: Arc<NodeConfig>, now: Now) -> ControllerAgent {
+        let versions = config.mcs.iter();
         ControllerAgent {
+            versions: versions
+                .map(|m| (m.mc.clone(), (m.hash, m.layout)))
+                .collect(),
             config,
             manager: Manager::default(),
             seen: BTreeSet::new(),
@@ -146,6 +153,28 @@ impl ControllerAgent {
     #[must_use]
     pub fn won(&self) -> Option<&Award> {
         self.won.as_ref()
+    }
+
+    /// An MC runs here in this version, or would: if that is new, the controller registers again.
+    pub(crate) fn renewed(
+        &mut self,
+        mc: &McId,
+        version: u64,
+        layout: LayoutHash,
+        now: Now,
+    ) -> bool {
+        let is_known = self.versions.get(mc) == Some(&(version, layout));
+        if !is_known {
+            self.versions.insert(mc.clone(), (version, layout));
+            self.manager.registered = false;
+            self.register(now);
+        }
+        !is_known
+    }
+
+    /// A new version of the cell is ready here, or cannot be.
+    pub(crate) fn send_staged(&mut self, staged: Staged) {
+        self.send(AgentId::Manager, Message::Staged(Box::new(staged)));
     }
 
     /// What runs here now; told by the composite before anything else of a step.
@@ -305,10 +334,12 @@ impl ControllerAgent {
         });
         let config = self.config.clone();
         let model = &config.model;
+        let versions = &self.versions;
+        let version_of = |m: &McModel| versions.get(&m.mc).copied().unwrap_or((m.hash, m.layout));
         let mcs = config.mcs.iter().map(|m| Hosted {
             mc: m.mc.clone(),
-            hash: m.hash,
-            layout: m.layout,
+            hash: version_of(m).0,
+            layout: version_of(m).1,
             memory_kb: m.memory_kb,
             worst_case_us: m.worst_case_us,
         });

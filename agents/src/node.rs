@@ -7,6 +7,7 @@ use fam_proto::agent::{Agent, Input, Output};
 use fam_proto::model::{ControllerModel, McModel, Settings};
 use fam_proto::{
     AgentId, CheckpointId, Envelope, Epoch, InputImage, McId, Message, Now, Owner, ProcessId,
+    Staged,
 };
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -27,6 +28,18 @@ pub enum NodeAct {
         mc: McId,
         /// What.
         act: McAct,
+    },
+    /// Read the cell again and make its changed MCs ready; answered by [`NodeLocal::Staged`].
+    Stage {
+        /// Number of the request.
+        id: u64,
+    },
+    /// This version of an MC runs here from now on, or would.
+    Renewed {
+        /// The MC.
+        mc: McId,
+        /// Its version.
+        version: u64,
     },
     /// The process may end; these MCs could not be handed over.
     Leave {
@@ -54,6 +67,13 @@ pub enum NodeLocal {
     },
     /// Newest counters.
     Sample(NodeSample),
+    /// Changed MCs are ready beside the ones that run.
+    Staged {
+        /// Their models.
+        models: Vec<Arc<McModel>>,
+        /// What the manager is told.
+        staged: Box<Staged>,
+    },
     /// SIGTERM.
     Terminate,
 }
@@ -117,7 +137,26 @@ pub struct NodeAgents {
     config: Arc<NodeConfig>,
     controller: ControllerAgent,
     components: BTreeMap<McId, McAgent>,
+    staging: Staging,
     out: VecDeque<NodeOutput>,
+}
+
+/// A new version of the cell that the manager has asked for.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+struct Staging {
+    asked: Option<u64>,
+    answer: Option<Staged>,
+}
+
+fn component_config(config: &NodeConfig, model: &McModel) -> ComponentConfig {
+    ComponentConfig {
+        owner: config.owner.clone(),
+        mc: model.mc.clone(),
+        gateway: model.gateway.clone(),
+        version: model.hash,
+        layout: model.layout,
+        diagnosis: model.diagnosis.clone(),
+    }
 }
 
 impl NodeAgents {
@@ -126,19 +165,14 @@ impl NodeAgents {
     pub fn new(config: NodeConfig, now: Now) -> NodeAgents {
         let config = Arc::new(config);
         let components = config.mcs.iter().map(|model| {
-            let component = ComponentConfig {
-                owner: config.owner.clone(),
-                mc: model.mc.clone(),
-                gateway: model.gateway.clone(),
-                layout: model.layout,
-                diagnosis: model.diagnosis.clone(),
-            };
+            let component = component_config(&config, model);
             (model.mc.clone(), McAgent::new(component))
         });
         NodeAgents {
             components: components.collect(),
             controller: ControllerAgent::new(config.clone(), now),
             config,
+            staging: Staging::default(),
             out: VecDeque::new(),
         }
     }
@@ -176,7 +210,10 @@ impl NodeAgents {
                         }
                     }
                 }
-                self.controller.message(envelope, now);
+                match envelope.body {
+                    Message::Stage(id) => self.stage(id),
+                    _ => self.controller.message(envelope, now),
+                }
             }
             AgentId::Component(to, mc) if *to == self.config.owner.controller => {
                 let Some(component) = self.components.get_mut(mc) else {
@@ -218,7 +255,47 @@ impl NodeAgents {
                 }
             }
             NodeLocal::Sample(sample) => self.controller.sample(sample, now),
+            NodeLocal::Staged { models, staged } => self.staged(&models, *staged),
             NodeLocal::Terminate => self.controller.leave(now),
+        }
+    }
+
+    /// The manager wants a new version of the cell read; it asks until it is answered.
+    fn stage(&mut self, id: u64) {
+        if self.staging.asked != Some(id) {
+            self.staging = Staging {
+                asked: Some(id),
+                answer: None,
+            };
+            self.out.push_back(NodeOutput::Act(NodeAct::Stage { id }));
+        } else if let Some(answer) = self.staging.answer.clone() {
+            self.controller.send_staged(answer);
+        }
+    }
+
+    fn staged(&mut self, models: &[Arc<McModel>], staged: Staged) {
+        if self.staging.asked != Some(staged.id) {
+            return; // overtaken by another request
+        }
+        for model in models {
+            if let Some(component) = self.components.get_mut(&model.mc) {
+                component.stage(component_config(&self.config, model));
+            }
+        }
+        self.staging.answer = Some(staged.clone());
+        self.controller.send_staged(staged);
+    }
+
+    /// What the manager and the process have to know of versions that have changed.
+    fn tell_versions(&mut self, now: Now) {
+        for component in self.components.values() {
+            let config = component.config();
+            let (version, layout) = (config.version, config.layout);
+            if self.controller.renewed(&config.mc, version, layout, now) {
+                let mc = config.mc.clone();
+                self.out
+                    .push_back(NodeOutput::Act(NodeAct::Renewed { mc, version }));
+            }
         }
     }
 
@@ -268,6 +345,7 @@ impl Agent for NodeAgents {
             Input::Image(image) => self.image(&image, now),
             Input::Local(local) => self.local(local, now),
         }
+        self.tell_versions(now);
         self.collect();
     }
 

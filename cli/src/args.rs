@@ -64,6 +64,8 @@ pub enum Command {
     Reset(ResetArgs),
     /// Acknowledge alarms
     Ack(AckArgs),
+    /// Bring changed logic into the running cell: says what changes, asks, and exchanges it MC by MC
+    Reload(ReloadArgs),
     /// Read and write the points of a gateway with the `image` driver
     Io(IoArgs),
     /// Show live values of running MCs
@@ -430,6 +432,26 @@ pub struct WatchArgs {
     /// Comma-separated values: the gateway's time in ms, each MC's scan, the values
     #[arg(long)]
     pub csv: bool,
+}
+
+/// `fam reload`
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Every process reads the cell again from where it was started with. MCs whose logic, state and critical intervals are the same
+run on untouched. A changed one is released at a non-critical state, its state is carried over by name and type, and its new
+version runs the next scan. Examples:
+  fam check cell.toml && fam reload       look at what would change, then decide
+  fam reload --yes                        for scripts
+  fam reload --dry-run                    only look")]
+pub struct ReloadArgs {
+    #[command(flatten)]
+    pub cell: CellArgs,
+    /// Do not ask
+    #[arg(long, conflicts_with = "dry_run")]
+    pub yes: bool,
+    /// Say what would change, and change nothing
+    #[arg(long)]
+    pub dry_run: bool,
 }
 
 /// `fam check`

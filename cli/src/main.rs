@@ -129,6 +129,7 @@ fn dispatch(command: Command) -> Result<bool> {
                 operate::command(&a.cell, CommandKind::Reset { mc: a.mc, how }).await?;
             }
             Command::Ack(a) => operate::command(&a.cell, CommandKind::Acknowledge(a.event)).await?,
+            Command::Reload(args) => return operate::reload(&args).await,
             Command::Io(args) => io::run(&args).await?,
             Command::Watch(args) => watch::run(&args).await?,
         }

@@ -1,17 +1,19 @@
 //! Operators' commands: ask the manager, print what it says.
 
-use crate::args::{CellArgs, EventsArgs, StatusArgs};
+use crate::args::{CellArgs, EventsArgs, ReloadArgs, StatusArgs};
 use crate::status;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use fam_driver::Client;
 use fam_proto::{CellId, CellStatus, CommandKind, Query, QueryReply};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
 /// How long the manager may take to answer.
 const ASK_WITHIN: Duration = Duration::from_secs(5);
 /// How long a command may take to its end.
 const COMMAND_WITHIN: Duration = Duration::from_secs(30);
+/// How long all controllers may take to make a new version ready, and to bring it in.
+const STAGE_WITHIN: Duration = Duration::from_secs(150);
 /// Most events in one answer.
 const EVENTS_LIMIT: u32 = 500;
 
@@ -32,6 +34,46 @@ pub async fn command(cell: &CellArgs, what: CommandKind) -> Result<()> {
     println!("{words}");
     client.close().await;
     Ok(())
+}
+
+/// `fam reload`. `Ok(false)`: the person at the terminal does not want it.
+///
+/// # Errors
+/// If the new version cannot be taken, or the manager cannot be reached.
+pub async fn reload(args: &ReloadArgs) -> Result<bool> {
+    let mut client = connect(&args.cell).await?;
+    let tell = |begun: &str| eprintln!("{begun} ...");
+    let changes = client
+        .command(CommandKind::Reload(None), STAGE_WITHIN, tell)
+        .await?;
+    println!("{}", changes.trim_end());
+    if args.dry_run {
+        client.close().await;
+        return Ok(true);
+    }
+    if !args.yes {
+        if !std::io::stdin().is_terminal() {
+            bail!(
+                "nothing was changed: give --yes where nobody can be asked, or --dry-run to only look"
+            );
+        }
+        print!("Bring this into the running cell? [y/N] ");
+        std::io::stdout().flush()?;
+        let mut answer = String::new();
+        std::io::stdin().read_line(&mut answer)?;
+        if !matches!(answer.trim(), "y" | "Y" | "yes") {
+            println!("nothing was changed");
+            client.close().await;
+            return Ok(false);
+        }
+    }
+    let look = client.last_command();
+    let words = client
+        .command(CommandKind::Reload(Some(look)), STAGE_WITHIN, tell)
+        .await?;
+    println!("{words}");
+    client.close().await;
+    Ok(true)
 }
 
 async fn ask_status(client: &mut Client) -> Result<CellStatus> {

@@ -85,19 +85,31 @@ pub fn host(
         if !model.hosts.contains(controller) {
             continue;
         }
-        let spec = spec(hosted.specs.len(), model, mc);
-        spec.check()?;
-        let failed = |why| HostError::Runtime {
-            mc: model.mc.clone(),
-            why,
-        };
-        let module = cache::prepare(engine, &model.mc, &mc.compiled, cache).map_err(failed)?;
-        let runtime = PlcRuntime::new(engine, &module, mc.checkpoint_region()).map_err(failed)?;
+        let (spec, runtime) = one(hosted.specs.len(), model, mc, engine, cache)?;
         hosted.models.push(Arc::new(model.clone()));
-        hosted.specs.push(Arc::new(spec));
+        hosted.specs.push(spec);
         hosted.runtimes.push(runtime);
     }
     Ok(hosted)
+}
+
+/// Compiles (or takes from the cache directory) and instantiates one MC.
+pub(crate) fn one(
+    index: usize,
+    model: &McModel,
+    built: &BuiltMc,
+    engine: &Engine,
+    cache: Option<&Path>,
+) -> Result<(Arc<McSpec>, PlcRuntime), HostError> {
+    let spec = spec(index, model, built);
+    spec.check()?;
+    let failed = |why| HostError::Runtime {
+        mc: model.mc.clone(),
+        why,
+    };
+    let module = cache::prepare(engine, &model.mc, &built.compiled, cache).map_err(failed)?;
+    let runtime = PlcRuntime::new(engine, &module, built.checkpoint_region()).map_err(failed)?;
+    Ok((Arc::new(spec), runtime))
 }
 
 fn spec(index: usize, model: &McModel, built: &BuiltMc) -> McSpec {

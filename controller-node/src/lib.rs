@@ -24,6 +24,7 @@ pub mod scan_thread;
 mod sender_thread;
 mod shared;
 mod shell;
+mod stage;
 pub mod trace;
 mod watchdog;
 

@@ -7,7 +7,7 @@ use crossbeam_channel::{Receiver, Sender, select_biased};
 use fam_agents::node::NodeLocal;
 use fam_driver::{FrameBytes, Link};
 use fam_node_core::replica::FrameRefusal;
-use fam_node_core::{ActiveMc, McRuntime, Replica, ReplicaOutcome, ScanCommand};
+use fam_node_core::{ActiveMc, McRuntime, Replica, ReplicaOutcome, ScanCommand, StagedVersion};
 use fam_proto::access::{McAct, McNews};
 use fam_proto::{McId, keys};
 use std::sync::Arc;
@@ -28,6 +28,11 @@ pub(crate) enum ReplicaJob<R> {
     Act { mc: usize, act: McAct },
     /// The scan thread gives an instance back.
     Returned(Box<ActiveMc<R>>),
+    /// A new version is ready beside the one that runs.
+    Stage {
+        mc: usize,
+        version: Box<StagedVersion<R>>,
+    },
 }
 
 /// What the replica thread is given.
@@ -66,6 +71,7 @@ impl<R: McRuntime> ReplicaThread<R> {
                 let outcome = self.replicas[mc].act(act);
                 self.outcome(mc, outcome);
             }
+            ReplicaJob::Stage { mc, version } => self.replicas[mc].stage(version),
             ReplicaJob::Returned(active) => {
                 let mc = active.spec().index;
                 let outcome = self.replicas[mc].returned(active);
@@ -108,6 +114,8 @@ impl<R: McRuntime> ReplicaThread<R> {
             }
             // A delta against a checkpoint that was missed is made good by the next full one.
             Err(FrameRefusal::Late | FrameRefusal::NoBase(_)) => {}
+            // Another controller runs the new version already; the word to hold it is on its way.
+            Err(FrameRefusal::Layout(layout)) if self.replicas[index].awaits(layout) => {}
             Err(refusal) => {
                 let refused = &self.shared.counters.frames_refused;
                 refused.fetch_add(1, Ordering::Relaxed);

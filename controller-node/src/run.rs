@@ -9,18 +9,20 @@ use crate::scan_thread::{self, Begun, Doing, Host, ScanThread};
 use crate::sender_thread;
 use crate::shared::Shared;
 use crate::shell::{Informed, NodeShell};
+use crate::stage::Stager;
 use crate::trace::{self, Trace};
 use crate::watchdog::{Watchdog, scan_ns_max};
 use anyhow::Context as _;
 use crossbeam_channel::bounded;
 use fam_agents::node::{NodeAgents, NodeConfig, NodeLocal};
 use fam_driver::{Frames, Link, LinkOptions, Sinks};
+use fam_engineering::BuiltCell;
 use fam_node_core::{Replica, ScanCore};
 use fam_proto::{ControllerId, McId, Owner, ProcessId};
 use fam_soft_plc::{Engine, EngineOptions, Interruption};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use tokio::sync::mpsc;
 
@@ -76,7 +78,8 @@ pub async fn run(
     let engine = Engine::new(EngineOptions {
         interruption: Interruption::Epoch,
     })?;
-    let (model, hosted) = load(&options, &engine).await?;
+    let (built, hosted) = load(&options, &engine).await?;
+    let model = built.model.clone();
     let name = options.controller.to_string();
     if hosted.specs.is_empty() {
         tracing::warn!("no MC of cell {} is hosted on {name}", model.cell);
@@ -211,7 +214,10 @@ pub async fn run(
             .iter()
             .map(|m| scan_ns_max(m.cycle_us, m.suspect_us))
             .collect(),
-        interrupt: move || engine.interrupt_tick(),
+        interrupt: {
+            let engine = engine.clone();
+            move || engine.interrupt_tick()
+        },
         shared: shared.clone(),
         mailbox,
         link: link.clone(),
@@ -247,6 +253,15 @@ pub async fn run(
         agents: NodeAgents::new(config, fam_driver::now()),
         shared: shared.clone(),
     };
+    let stager = Stager {
+        options: options.clone(),
+        engine,
+        specs: shared.specs.clone(),
+        running: Arc::new(Mutex::new(built)),
+        staged: Arc::default(),
+        jobs: jobs_in.clone(),
+        news: news.clone(),
+    };
     let ender = tokio::spawn(async move {
         shutdown.await;
         let _ = news.send(NodeLocal::Terminate);
@@ -257,6 +272,7 @@ pub async fn run(
         jobs: jobs_in,
         shared: shared.clone(),
         finished: false,
+        stager,
         left: Vec::new(),
     };
     fam_driver::run(
@@ -277,10 +293,7 @@ pub async fn run(
 }
 
 /// Builds the cell and what is hosted here, off the runtime's threads.
-async fn load(
-    options: &NodeOptions,
-    engine: &Engine,
-) -> anyhow::Result<(fam_proto::model::CellModel, Hosted)> {
+async fn load(options: &NodeOptions, engine: &Engine) -> anyhow::Result<(BuiltCell, Hosted)> {
     let (cell, controller) = (options.cell.clone(), options.controller.clone());
     let (cache, engine) = (options.cache.clone(), engine.clone());
     tokio::task::spawn_blocking(move || {
@@ -292,7 +305,7 @@ async fn load(
             tracing::debug!("{warning}");
         }
         let hosted = hosted::host(&built, &controller, &engine, cache.as_deref())?;
-        Ok((built.model, hosted))
+        Ok((built, hosted))
     })
     .await?
 }

@@ -3,6 +3,7 @@
 
 use crate::replica_thread::ReplicaJob;
 use crate::shared::Shared;
+use crate::stage::Stager;
 use crossbeam_channel::Sender;
 use fam_agents::node::{NodeAct, NodeAgents, NodeLocal, NodeOutput, NodePersist};
 use fam_driver::Shell;
@@ -112,6 +113,7 @@ pub(crate) struct NodeShell<R> {
     pub jobs: Sender<ReplicaJob<R>>,
     pub shared: Arc<Shared>,
     pub finished: bool,
+    pub stager: Stager,
     /// MCs that could not be handed over before the end.
     pub left: Vec<McId>,
 }
@@ -138,6 +140,8 @@ impl<R> Shell<NodePersist, NodeAct> for NodeShell<R> {
                     tracing::error!(mc = %mc, "the replica thread does not take what the MC Agent of {mc} asks for");
                 }
             }
+            NodeAct::Stage { id } => self.stager.stage(id),
+            NodeAct::Renewed { mc, version } => self.stager.renewed(&mc, version),
             NodeAct::Leave { left } => {
                 self.left = left;
                 self.finished = true;

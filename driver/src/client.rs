@@ -170,6 +170,12 @@ impl Client {
         }
     }
 
+    /// Number of the newest command, as further commands refer to it.
+    #[must_use]
+    pub fn last_command(&self) -> u64 {
+        self.commands
+    }
+
     /// Ends the connection.
     pub async fn close(self) {
         self.link.close().await;

@@ -10,6 +10,7 @@ use fam_proto::model::McModel;
 use fam_soft_plc::layout::{Area, TypeNode, VariableInfo};
 use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::Range;
 
 /// What becomes of the state of an MC.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -314,6 +315,30 @@ pub enum CarryError {
     Recovering(u16),
 }
 
+/// The ranges of an old checkpoint that a new one takes over, and where each begins there: the variables of the same path and
+/// type, neighbours joined.
+#[must_use]
+pub fn kept_ranges(old: &BuiltMc, new: &BuiltMc) -> Vec<(Range<usize>, usize)> {
+    let before: BTreeMap<String, &VariableInfo> = state_of(old).map(|v| (key(v), v)).collect();
+    let mut kept: Vec<(Range<usize>, usize)> = Vec::new();
+    for variable in state_of(new) {
+        let Some(source) = before.get(&key(variable)) else {
+            continue;
+        };
+        if source.len != variable.len || !same_type(&source.ty, &variable.ty) {
+            continue;
+        }
+        let from = (old.control.state.start + source.offset) as usize;
+        let to = (new.control.state.start + variable.offset) as usize;
+        let end = from + variable.len as usize;
+        match kept.last_mut() {
+            Some((range, at)) if range.end == from && *at + range.len() == to => range.end = end,
+            _ => kept.push((from..end, to)),
+        }
+    }
+    kept
+}
+
 /// A checkpoint of the new version from one of the old: values by name and type, the rest initial. The control variables start
 /// as those of an MC that is not active; its activation sets them.
 ///
@@ -334,22 +359,10 @@ pub fn carry_over(old: &BuiltMc, new: &BuiltMc, checkpoint: &[u8]) -> Result<Vec
     if action != 0 {
         return Err(CarryError::Recovering(action));
     }
-    let before: BTreeMap<String, &VariableInfo> = state_of(old).map(|v| (key(v), v)).collect();
     let mut carried = new.initial_checkpoint.clone();
-    for variable in state_of(new) {
-        let Some(source) = before.get(&key(variable)) else {
-            continue;
-        };
-        if source.len != variable.len || !same_type(&source.ty, &variable.ty) {
-            continue;
-        }
-        let from = (old.control.state.start + source.offset) as usize;
-        let to = (new.control.state.start + variable.offset) as usize;
-        let len = variable.len as usize;
-        if let (Some(bytes), Some(target)) = (
-            checkpoint.get(from..from + len),
-            carried.get_mut(to..to + len),
-        ) {
+    for (range, to) in kept_ranges(old, new) {
+        let target = carried.get_mut(to..to + range.len());
+        if let (Some(bytes), Some(target)) = (checkpoint.get(range), target) {
             target.copy_from_slice(bytes);
         }
     }

@@ -38,6 +38,11 @@ pub enum McAct {
         /// Value of `recoveryAction`.
         action: u16,
     },
+    /// Hold this version from now on: another controller runs it.
+    Adopt {
+        /// Hash of the version.
+        version: u64,
+    },
     /// Scan no more, and be passive.
     Deactivate {
         /// The epoch meant.
@@ -64,6 +69,8 @@ pub struct Activation {
     pub next_scan: Scan,
     /// The epoch before was interrupted, so that a cycle or more is missing: the first scan does not wait for the next tick.
     pub at_once: bool,
+    /// Run this staged version from now on; the start is a checkpoint of the version of before.
+    pub renew: Option<u64>,
 }
 
 /// What an epoch starts from.

@@ -17,6 +17,8 @@ pub(super) struct ActivateOrder {
     pub force: bool,
     pub reset: Option<Reset>,
     pub within_us: u64,
+    /// With this staged version.
+    pub renew: Option<u64>,
 }
 
 /// An order to release.
@@ -32,6 +34,13 @@ pub(super) struct ReleaseOrder {
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) enum Event {
     Activate(ActivateOrder),
+    /// With a staged version.
+    Renew(ActivateOrder),
+    /// Another controller runs a staged version.
+    Adopt {
+        id: OrderId,
+        version: u64,
+    },
     Release(ReleaseOrder),
     CancelRelease {
         id: OrderId,
@@ -86,7 +95,22 @@ impl Event {
                 force,
                 reset,
                 within_us,
+                renew: None,
             }),
+            OrderKind::Renew {
+                epoch,
+                version,
+                within_us,
+            } => Event::Renew(ActivateOrder {
+                id,
+                epoch,
+                after: None,
+                force: false,
+                reset: None,
+                within_us,
+                renew: Some(version),
+            }),
+            OrderKind::Adopt { version } => Event::Adopt { id, version },
             OrderKind::Release {
                 epoch,
                 successor,

@@ -26,6 +26,7 @@
 mod diagnose;
 mod events;
 mod opening;
+mod renewing;
 mod running;
 #[cfg(test)]
 mod scenario_tests;
@@ -35,7 +36,7 @@ mod table_tests;
 pub use diagnose::{Decision, Variables, Verdict, diagnose};
 
 use crate::node::{NodeAct, NodeOutput};
-use events::Event;
+use events::{ActivateOrder, Event};
 use fam_proto::access::{McAct, McNews};
 use fam_proto::diagnosis::Diagnosis;
 use fam_proto::{
@@ -65,6 +66,8 @@ pub struct ComponentConfig {
     pub mc: McId,
     /// Its gateway.
     pub gateway: GatewayId,
+    /// Hash of logic, layout and masks.
+    pub version: u64,
     /// Layout of its checkpoints here.
     pub layout: LayoutHash,
     /// Its diagnosis file.
@@ -151,6 +154,10 @@ pub struct McAgent {
     held: Option<CheckpointId>,
     /// Newest release to this controller that was seen.
     handed: Option<Successor>,
+    /// A version that is ready beside the one that runs.
+    staged: Option<Arc<ComponentConfig>>,
+    /// An order to run it that came before the scan thread said that the release is through.
+    renewal: Option<ActivateOrder>,
     out: VecDeque<NodeOutput>,
 }
 
@@ -166,6 +173,8 @@ impl McAgent {
             answered: None,
             held: None,
             handed: None,
+            staged: None,
+            renewal: None,
             out: VecDeque::new(),
         }
     }
@@ -342,6 +351,10 @@ impl McAgent {
             self.handed = Some(successor.clone());
         }
         let next = match (state, event) {
+            // --- New versions, in every state
+            (s, E::Renew(order)) => self.renew(s, order, now),
+            (s, E::Adopt { id, version }) => self.adopt(s, id, version),
+
             // --- Passive
             (S::Passive, E::Activate(order)) => self.begin(order, now),
             (s @ S::Passive, E::Release(order)) => s.report(Some(order.id), not_released("it is not active here")),
@@ -439,6 +452,11 @@ impl McAgent {
         self.state = next.state;
         if let Some((order, outcome)) = next.report {
             self.report(order, outcome);
+        }
+        if !matches!(self.state, S::Releasing { .. })
+            && let Some(order) = self.renewal.take()
+        {
+            self.step(E::Renew(order), now);
         }
     }
 

@@ -18,6 +18,8 @@ pub(super) struct Opening {
     reset: Option<Reset>,
     until: Now,
     within_us: u64,
+    /// The staged version that is to run.
+    renew: Option<u64>,
     /// The copy held here did not fit: the gateway's is wanted.
     send_bytes: bool,
     /// What the gateway said last.
@@ -74,6 +76,7 @@ impl McAgent {
             reset: order.reset,
             until: now.plus_us(order.within_us),
             within_us: order.within_us,
+            renew: order.renew,
             send_bytes: false,
             refusal: None,
             step: Step::Asking(now),
@@ -87,12 +90,18 @@ impl McAgent {
 
     fn ask(&mut self, opening: &mut Opening, now: Now) {
         opening.step = Step::Asking(now.plus_us(OPEN_REPEAT_US));
+        let staged = self.staged.as_ref().filter(|_| opening.renew.is_some());
+        let runs = staged.unwrap_or(&self.config);
+        // A new version asks for the bytes: what is held here is not in its layout.
+        let held = self
+            .held
+            .filter(|_| !opening.send_bytes && staged.is_none());
         let open = Open {
             mc: self.config.mc.clone(),
             epoch: opening.epoch,
             owner: self.config.owner.clone(),
-            layout: self.config.layout,
-            held: if opening.send_bytes { None } else { self.held },
+            layout: runs.layout,
+            held,
             force: opening.force,
             reset: opening.reset,
         };
@@ -200,6 +209,11 @@ impl McAgent {
         if !matches!(opening.step, Step::Asking(_)) {
             return State::Opening(opening).silent();
         }
+        if opening.renew.is_some()
+            && let Some(why) = super::renewing::objection(&grant)
+        {
+            return self.give_up(opening, why);
+        }
         match (grant.base, grant.checkpoint.take()) {
             (None, _) => self.start(opening, &grant, None, now),
             (Some(base), Some(checkpoint)) => {
@@ -289,6 +303,7 @@ impl McAgent {
             outputs: grant.outputs.clone(),
             next_scan: grant.next_scan,
             at_once: grant.interrupted,
+            renew: opening.renew,
         })));
         opening.step = Step::Starting(Starting {
             base: grant.base,
@@ -305,6 +320,9 @@ impl McAgent {
             return State::Opening(opening).silent();
         };
         let epoch = opening.epoch;
+        if opening.renew.is_some() {
+            self.change_version();
+        }
         let action = Action {
             stopping: starting.stopping,
             stop_pou: self.config.diagnosis.stop_action == Some(starting.recovery),

@@ -27,9 +27,22 @@ pub(super) fn agent(stop: bool) -> McAgent {
         owner: me(),
         mc: McId::new("Station1").unwrap(),
         gateway: GatewayId::new("gateway1").unwrap(),
+        version: 50,
         layout: LayoutHash(5),
         diagnosis: a_diagnosis(stop),
     })
+}
+
+/// Version 60 of the same MC: another layout.
+fn next_version() -> ComponentConfig {
+    ComponentConfig {
+        owner: me(),
+        mc: McId::new("Station1").unwrap(),
+        gateway: GatewayId::new("gateway1").unwrap(),
+        version: 60,
+        layout: LayoutHash(6),
+        diagnosis: a_diagnosis(true),
+    }
 }
 
 pub(super) fn order(id: u64, kind: OrderKind) -> Order {
@@ -135,7 +148,8 @@ pub(super) fn words(agent: &mut McAgent) -> String {
             Output::Act(NodeAct::Mc { act, .. }) => match act {
                 McAct::ReadState { .. } => "READ".to_owned(),
                 McAct::Activate(a) => format!(
-                    "RUN {}{}{}",
+                    "RUN{} {}{}{}",
+                    if a.renew.is_some() { " NEW" } else { "" },
                     a.recovery,
                     if a.keep_action { " kept" } else { "" },
                     match a.start {
@@ -155,6 +169,7 @@ pub(super) fn words(agent: &mut McAgent) -> String {
                 McAct::CancelRelease { .. } => "CANCEL".to_owned(),
                 McAct::RunAction { action, .. } => format!("ACTION {action}"),
                 McAct::Deactivate { .. } => "OFF".to_owned(),
+                McAct::Adopt { .. } => "ADOPT".to_owned(),
             },
             other => panic!("unexpected {other:?}"),
         });
@@ -321,6 +336,25 @@ fn apply(a: &mut McAgent, event: &str) {
             soon,
         ),
         "timeout" => a.handle_timeout(now),
+        "renew 6" | "renew 6 unknown" => {
+            if event == "renew 6" {
+                a.stage(next_version());
+            }
+            let kind = OrderKind::Renew {
+                epoch: Epoch(6),
+                version: 60,
+                within_us: 500_000,
+            };
+            a.order(MANAGER, order(8, kind), soon);
+        }
+        "adopt" => {
+            a.stage(next_version());
+            a.order(MANAGER, order(8, OrderKind::Adopt { version: 60 }), soon);
+        }
+        "adopt other" => {
+            a.stage(next_version());
+            a.order(MANAGER, order(8, OrderKind::Adopt { version: 70 }), soon);
+        }
         other => panic!("no event {other}"),
     }
 }
@@ -356,6 +390,10 @@ trapped         | = | = | recovering ACTION 9 <faulted> | recovering ACTION 9 <f
 deposed         | = | passive <not opened #1> | passive OFF <deposed> | passive OFF <deposed> | passive OFF <deposed> | = | =
 late news       | = | = | = | = | = | = | =
 timeout         | = | passive <not opened #1> | = | releasing CANCEL | = | = | faulted close
+renew 6         | opening open | opening <not opened #8> | active <not opened #8> | = | recovering <not opened #8> | stopped <not opened #8> | faulted <not opened #8>
+renew 6 unknown | passive <not opened #8> | opening <not opened #8> | active <not opened #8> | releasing <not opened #8> | recovering <not opened #8> | stopped <not opened #8> | faulted <not opened #8>
+adopt           | passive ADOPT <changed #8> | opening <changed #8> | active <changed #8> | releasing <changed #8> | recovering <changed #8> | stopped ADOPT <changed #8> | faulted ADOPT <changed #8>
+adopt other     | passive <changed #8> | opening <changed #8> | active <changed #8> | releasing <changed #8> | recovering <changed #8> | stopped <changed #8> | faulted <changed #8>
 ";
 
 #[test]
@@ -392,5 +430,5 @@ fn every_state_answers_every_event() {
         }
         assert_eq!(cells.next(), None, "{event}");
     }
-    assert_eq!(events, 27);
+    assert_eq!(events, 31);
 }

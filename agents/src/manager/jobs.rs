@@ -17,8 +17,8 @@
 use super::MiddlewareManager;
 use crate::cell_view::{HEALTHY_CYCLES, LeftOut, Need, UnderWay};
 use fam_proto::{
-    AgentId, Epoch, Event, EventKind, McId, McOutcome, McReport, Move, MoveKind, Now, OrderId,
-    OrderKind, Owner, PlanId, RecordState, RecordSummary, Reset, Severity, Successor,
+    AgentId, Epoch, Event, EventKind, LayoutHash, McId, McOutcome, McReport, Move, MoveKind, Now,
+    OrderId, OrderKind, Owner, PlanId, RecordState, RecordSummary, Reset, Severity, Successor,
 };
 
 /// A stop POU may take this long, in microseconds.
@@ -39,6 +39,8 @@ pub(super) enum Aim {
     Activate(Owner),
     /// Handed over to this owner.
     Handover(Owner),
+    /// Released by its owner to itself, and run with a new version.
+    Renew(Owner, u64, LayoutHash),
     /// Stopped.
     Stop,
 }
@@ -53,7 +55,8 @@ enum Step {
     },
     Releasing {
         epoch: Epoch,
-        activate: OrderId,
+        /// The order to the successor; a new version gets it when the old one has released.
+        activate: Option<OrderId>,
         release: OrderId,
         deadline: Now,
     },
@@ -80,7 +83,7 @@ pub(super) struct Job {
 impl Job {
     fn target(&self) -> Option<&Owner> {
         match &self.aim {
-            Aim::Activate(owner) | Aim::Handover(owner) => Some(owner),
+            Aim::Activate(owner) | Aim::Handover(owner) | Aim::Renew(owner, ..) => Some(owner),
             Aim::Stop => None,
         }
     }
@@ -130,6 +133,18 @@ impl MiddlewareManager {
         self.begin(Some(plan), &wanted.mc, aim, force, now);
     }
 
+    /// Begins to bring a new version in.
+    pub(super) fn begin_renew(
+        &mut self,
+        mc: &McId,
+        owner: Owner,
+        version: u64,
+        layout: LayoutHash,
+        now: Now,
+    ) {
+        self.begin(None, mc, Aim::Renew(owner, version, layout), false, now);
+    }
+
     /// Begins to stop an MC that runs.
     pub(super) fn begin_stop(&mut self, plan: Option<PlanId>, mc: &McId, now: Now) {
         self.begin(plan, mc, Aim::Stop, false, now);
@@ -141,7 +156,9 @@ impl MiddlewareManager {
         };
         let Some(record) = &view.record else { return };
         view.under_way = Some(match &aim {
-            Aim::Activate(owner) | Aim::Handover(owner) => UnderWay::To(owner.controller.clone()),
+            Aim::Activate(owner) | Aim::Handover(owner) | Aim::Renew(owner, ..) => {
+                UnderWay::To(owner.controller.clone())
+            }
             Aim::Stop => UnderWay::Stop,
         });
         let job = Job {
@@ -199,11 +216,12 @@ impl MiddlewareManager {
                     deadline: now.plus_us(settings.activation_us),
                 };
             }
-            Aim::Handover(target) => {
+            Aim::Handover(target) | Aim::Renew(target, ..) => {
                 let Some(from) = job.from.clone() else { return };
                 let Some(epoch) = self.epochs.take(mc) else {
                     return;
                 };
+                let waits = matches!(job.aim, Aim::Handover(_));
                 let activate = OrderKind::Activate {
                     epoch,
                     after: Some(from.clone()),
@@ -220,7 +238,8 @@ impl MiddlewareManager {
                     within_us: settings.release_us,
                 };
                 // The successor hears first, so that it is ready when the last frame comes.
-                let activate = self.orders.give(component(target), mc, activate, now, None);
+                let mut give = |kind| self.orders.give(component(target), mc, kind, now, None);
+                let activate = waits.then(|| give(activate));
                 let release = self.orders.give(component(&from), mc, release, now, None);
                 job.step = Step::Releasing {
                     epoch,
@@ -310,7 +329,7 @@ impl MiddlewareManager {
             Aim::Activate(_) if self.is_healthy_again(mc, job, record) => {
                 Standing::Dropped("its owner is healthy again".to_owned())
             }
-            Aim::Handover(_)
+            Aim::Handover(_) | Aim::Renew(..)
                 if self.view.need(mc).is_some() || record.state != RecordState::Open =>
             {
                 Standing::Dropped("its owner no longer drives it".to_owned())
@@ -437,9 +456,22 @@ impl MiddlewareManager {
             } = job.step
         {
             self.orders.withdraw(release);
+            let order = match (activate, &job.aim) {
+                (None, Aim::Renew(target, version, _)) => {
+                    let kind = OrderKind::Renew {
+                        epoch,
+                        version: *version,
+                        within_us: wait_us,
+                    };
+                    let to = AgentId::Component(target.controller.clone(), mc.clone());
+                    self.orders.give(to, mc, kind, now, None)
+                }
+                (None, _) => return,
+                (Some(activate), _) => activate,
+            };
             job.step = Step::Activating {
                 epoch,
-                order: activate,
+                order,
                 deadline: now.plus_us(wait_us),
             };
             let standing = self.standing(mc, now);
@@ -509,6 +541,9 @@ impl MiddlewareManager {
             event.plan = job.plan;
             self.event(event, now);
         }
+        if let Aim::Renew(owner, version, layout) = &job.aim {
+            self.now_in_force(mc, *version, *layout, Some(owner), now);
+        }
         self.job_ended(job.plan, mc, None, now);
     }
 
@@ -547,6 +582,8 @@ impl MiddlewareManager {
                 format!(
                     "{mc} could not be activated on {controller}: {why}; it is left out there for now"
                 )
+            } else if matches!(job.aim, Aim::Renew(..)) {
+                format!("the new version of {mc} is not taken on {controller}: {why}")
             } else {
                 format!("the move of {mc} to {controller} is off: {why}")
             };
@@ -580,7 +617,9 @@ impl MiddlewareManager {
             Step::Releasing {
                 activate, release, ..
             } => {
-                self.orders.withdraw(activate);
+                if let Some(activate) = activate {
+                    self.orders.withdraw(activate);
+                }
                 self.orders.withdraw(release);
             }
         }
@@ -616,11 +655,15 @@ impl MiddlewareManager {
                 Step::Activating {
                     order: activate, ..
                 }
-                | Step::Releasing { activate, .. },
+                | Step::Releasing {
+                    activate: Some(activate),
+                    ..
+                },
                 McOutcome::NotOpened(why),
             ) if *activate == answered => Standing::Failed {
                 why: why.clone(),
-                leave_out: true,
+                // A controller that cannot run a new version can still run the old one.
+                leave_out: !matches!(job.aim, Aim::Renew(..)),
             },
             (Step::Releasing { release, .. }, McOutcome::ReleaseCancelled(why))
                 if *release == answered =>

@@ -13,6 +13,7 @@ mod orders;
 mod plans;
 mod records;
 mod registry;
+mod reload;
 mod status;
 mod tellers;
 
@@ -98,6 +99,8 @@ pub struct MiddlewareManager {
     commands: operator::Commands,
     news: Vec<News>,
     wishes: Vec<(Wish, String)>,
+    /// A new version of the cell that is being made ready, or is.
+    reload: Option<reload::Reload>,
     /// When a controller that is to be emptied was tried last: version, generation, and when it is tried again.
     emptying: BTreeMap<ControllerId, (u64, PlanId, Now)>,
     /// Events of an MC that two sides may tell: the newest told.
@@ -128,6 +131,7 @@ impl Hash for MiddlewareManager {
         self.commands.hash(state);
         self.news.hash(state);
         self.wishes.hash(state);
+        self.reload.hash(state);
         for (controller, (version, generation, again)) in &self.emptying {
             (controller, generation, again).hash(state);
             hash_marked(Mark::Count, *version, state);
@@ -169,6 +173,7 @@ impl MiddlewareManager {
             commands: operator::Commands::default(),
             news: Vec::new(),
             wishes: Vec::new(),
+            reload: None,
             emptying: BTreeMap::new(),
             marks: BTreeMap::new(),
             unplaced: BTreeMap::new(),
@@ -234,11 +239,13 @@ impl MiddlewareManager {
                 },
                 _ => false,
             },
+            Message::Staged(staged) => self.take_staged(&envelope, staged),
             Message::Command(command) => self.command(&envelope, command, now),
             Message::Query(query) => self.query(&envelope, query, in_progress, now),
             Message::Registered(_)
             | Message::RegistrationRefused(_)
             | Message::MayLeave { .. }
+            | Message::Stage(_)
             | Message::Qos(_)
             | Message::CallForProposals(_)
             | Message::Bid(_)
@@ -327,6 +334,7 @@ impl MiddlewareManager {
         self.tell_unseen_activations(now);
         self.send_orders(now);
         self.review_emptying(now);
+        self.review_reload(now);
         self.review_commands(now);
         let view = &self.view;
         self.unplaced
@@ -374,6 +382,7 @@ impl MiddlewareManager {
             .chain(self.orders.deadline())
             .chain(self.jobs_deadline())
             .chain(self.commands.deadline())
+            .chain(self.reload.iter().filter_map(reload::Reload::deadline))
             .min()
     }
 

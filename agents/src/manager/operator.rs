@@ -2,6 +2,7 @@
 
 use super::MiddlewareManager;
 use super::desk::Ticket;
+use super::reload::{RENEW_US, STAGE_US};
 use crate::cell_view::{CellView, UnderWay};
 use crate::decision::Wish;
 use crate::monitor::News;
@@ -30,6 +31,10 @@ enum Goal {
     Stopped(McId),
     /// The MC runs.
     Runs(McId),
+    /// All controllers have made the new version of this command ready.
+    Staged(u64),
+    /// These versions are in force.
+    Renewed(BTreeMap<McId, u64>),
     /// The repository has written it down; the text is the answer.
     Written(String),
 }
@@ -54,7 +59,12 @@ impl Goal {
                         !matches!(r.state, RecordState::Open | RecordState::Released(_))
                     })
             }),
-            Goal::Written(_) => false,
+            Goal::Renewed(versions) => versions.iter().all(|(mc, version)| {
+                view.version_of(mc).map(|v| v.0) == Some(*version)
+                    && view.mcs[mc].under_way.is_none()
+            }),
+            // Told by the controllers' answers, and by the repository.
+            Goal::Staged(_) | Goal::Written(_) => false,
         }
     }
 
@@ -65,19 +75,28 @@ impl Goal {
             Goal::Empty(controller) => format!("nothing is active on {controller} any more"),
             Goal::Stopped(mc) => format!("{mc} is stopped; `fam reset {mc}` brings it back"),
             Goal::Written(text) => text.clone(),
+            Goal::Staged(_) => "the new version is ready".to_owned(),
+            Goal::Renewed(versions) if versions.is_empty() => {
+                "all MCs run this version already".to_owned()
+            }
+            Goal::Renewed(versions) => {
+                let names: Vec<&str> = versions.keys().map(McId::as_str).collect();
+                format!("the new version is in force: {}", names.join(", "))
+            }
         }
     }
 
     fn is_about(&self, mc: &McId, view: &CellView) -> bool {
         match self {
             Goal::On(other, _) | Goal::Stopped(other) => other == mc,
+            Goal::Renewed(versions) => versions.contains_key(mc),
             Goal::Empty(controller) => {
                 view.driver(mc).is_some_and(|o| &o.controller == controller)
                     && view.need(mc).is_none()
                     && view.mcs[mc].under_way.is_none()
             }
             // Brought back by availability, which goes on trying.
-            Goal::Runs(_) | Goal::Written(_) => false,
+            Goal::Runs(_) | Goal::Staged(_) | Goal::Written(_) => false,
         }
     }
 }
@@ -195,6 +214,23 @@ impl MiddlewareManager {
             },
             CommandKind::Stop(mc) => self.stop(mc, now),
             CommandKind::Reset { mc, how } => self.reset(mc, *how),
+            CommandKind::Reload(None) => {
+                // Numbers of commands are the client's own; with its own number they are everybody's.
+                let staged = client.wrapping_add(id);
+                match self.stage(staged, now) {
+                    Ok(text) => Begun::Until(text, Goal::Staged(staged), STAGE_US),
+                    Err(why) => Begun::Refused(why),
+                }
+            }
+            CommandKind::Reload(Some(look)) => {
+                match self.renew_all(client.wrapping_add(*look), now) {
+                    Ok(versions) => {
+                        let text = format!("{} MCs take their new version", versions.len());
+                        Begun::Until(text, Goal::Renewed(versions), RENEW_US)
+                    }
+                    Err(why) => Begun::Refused(why),
+                }
+            }
             CommandKind::Acknowledge(seq) => {
                 let count = self.desk.acknowledge(*seq);
                 match (count, seq) {
@@ -482,7 +518,11 @@ impl MiddlewareManager {
             let Some((goal, until)) = &entry.goal else {
                 continue;
             };
-            if goal.is_reached(&self.view) {
+            if let Goal::Staged(id) = goal {
+                if let Some(end) = self.staged_text(*id) {
+                    ended.push((*key, end));
+                }
+            } else if goal.is_reached(&self.view) {
                 ended.push((*key, Ok(goal.done())));
             } else if now >= *until {
                 let text = "not done in time; it is still being tried, see `fam status`";
@@ -586,6 +626,8 @@ fn describe(what: &CommandKind) -> String {
             }
         ),
         CommandKind::Acknowledge(Some(seq)) => format!("acknowledge {seq}"),
+        CommandKind::Reload(None) => "reload (look)".to_owned(),
+        CommandKind::Reload(Some(_)) => "reload".to_owned(),
         CommandKind::Acknowledge(None) => "acknowledge all alarms".to_owned(),
     }
 }

@@ -73,8 +73,9 @@ impl MiddlewareManager {
             }
         }
         let back = there.lost.is_some();
-        let ineligible = self.ineligible(registration);
         let changed = there.remembered.as_ref() != Some(registration);
+        self.learn_versions(registration);
+        let ineligible = self.ineligible(registration);
         let Some(there) = self.view.controllers.get_mut(name) else {
             return false;
         };
@@ -162,13 +163,14 @@ impl MiddlewareManager {
             if !model.hosts.contains(&registration.owner.controller) {
                 return Some("holds it although the cell model does not host it there".to_owned());
             }
-            if hosted.hash != model.hash {
+            let (version, layout) = self.view.version_of(&hosted.mc)?;
+            if hosted.hash != version {
                 return Some(format!(
                     "has other logic, layout or masks (hash {:016x}) than those in force ({:016x}); generate all projects from one model",
-                    hosted.hash, model.hash
+                    hosted.hash, version
                 ));
             }
-            (hosted.layout != model.layout).then(|| {
+            (hosted.layout != layout).then(|| {
                 "has another checkpoint layout than the one in force; generate all projects from one model".to_owned()
             })
         };
@@ -177,6 +179,21 @@ impl MiddlewareManager {
             .iter()
             .filter_map(|hosted| Some((hosted.mc.clone(), objection(hosted)?)))
             .collect()
+    }
+
+    /// A version in force has changed: who may run it has too.
+    pub(super) fn judge_registrations(&mut self) {
+        let names: Vec<ControllerId> = self.view.controllers.keys().cloned().collect();
+        for name in names {
+            let registration = self.view.controllers[&name].registration.clone();
+            let Some(registration) = registration else {
+                continue;
+            };
+            let ineligible = self.ineligible(&registration);
+            if let Some(there) = self.view.controllers.get_mut(&name) {
+                there.ineligible = ineligible;
+            }
+        }
     }
 
     /// Tells a controller what concerns it.

@@ -15,6 +15,7 @@
 
 pub mod active;
 pub mod buffers;
+pub mod carry;
 pub mod model_mc;
 pub mod newest;
 #[cfg(feature = "compiled")]
@@ -28,7 +29,8 @@ pub mod spec;
 pub mod workload;
 
 pub use active::ActiveMc;
-pub use replica::{Replica, ReplicaOutcome};
+pub use carry::Carry;
+pub use replica::{Replica, ReplicaOutcome, StagedVersion};
 pub use runtime::McRuntime;
 pub use scan::{ScanCommand, ScanCore, ScanHost, ScannedFrame};
 pub use sender::FrameEncoder;

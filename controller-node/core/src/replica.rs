@@ -4,6 +4,7 @@
 
 use crate::active::{ActiveMc, Mode};
 use crate::buffers::{Buffer, Pool};
+use crate::carry::Carry;
 use crate::runtime::McRuntime;
 use crate::sender::RING;
 use crate::spec::McSpec;
@@ -26,7 +27,7 @@ pub enum FrameRefusal {
     Codec(#[from] CodecError),
     /// It is another MC's, or of another layout.
     #[error("a checkpoint of another layout; generate all projects from one model")]
-    Layout,
+    Layout(LayoutHash),
     /// A newer one is held.
     #[error("a newer checkpoint is held")]
     Late,
@@ -70,6 +71,18 @@ struct Passive<R> {
     loaded: Option<CheckpointId>,
 }
 
+/// A new version of the MC's logic, ready beside the one that runs.
+pub struct StagedVersion<R> {
+    /// Hash of logic, layout and masks.
+    pub version: u64,
+    /// What the node has to know of it.
+    pub spec: Arc<McSpec>,
+    /// An instance with its initial values.
+    pub runtime: R,
+    /// How it takes the state of the version of before.
+    pub carry: Carry,
+}
+
 /// The passive side of one MC.
 pub struct Replica<R> {
     spec: Arc<McSpec>,
@@ -81,6 +94,10 @@ pub struct Replica<R> {
     scratch: Vec<u8>,
     /// An activation that came before the instance was back.
     waiting: Option<Box<Activation>>,
+    /// A version that is ready beside this one.
+    staged: Option<Box<StagedVersion<R>>>,
+    /// The staged version is to be held as soon as the instance is back.
+    adopts: Option<u64>,
     /// Frames that were not kept, since start.
     refused: u64,
 }
@@ -101,8 +118,59 @@ impl<R: McRuntime> Replica<R> {
             ring: VecDeque::with_capacity(RING),
             scratch: Vec::new(),
             waiting: None,
+            staged: None,
+            adopts: None,
             refused: 0,
         }
+    }
+
+    /// A version is ready beside the one that runs; it takes the place of one that was before.
+    pub fn stage(&mut self, version: Box<StagedVersion<R>>) {
+        self.staged = Some(version);
+        self.adopts = None;
+    }
+
+    /// Another controller runs the staged version: its checkpoints are held from now on.
+    fn adopt(&mut self, version: u64) {
+        if self.staged.as_ref().is_none_or(|s| s.version != version) {
+            return;
+        }
+        self.adopts = Some(version);
+        if self.passive.take().is_some() {
+            self.adopt_now();
+        }
+    }
+
+    /// The staged version takes the place of the passive instance, if that is wanted.
+    fn adopt_now(&mut self) -> bool {
+        let Some(staged) = self.staged.take_if(|s| Some(s.version) == self.adopts) else {
+            return false;
+        };
+        self.adopts = None;
+        let staged = *staged;
+        if staged.spec.layout != self.spec.layout {
+            self.ring.clear();
+            self.scratch = Vec::new();
+        }
+        let mut passive = Passive {
+            pool: Pool::new(staged.spec.initial.len(), staged.spec.outputs_len),
+            runtime: staged.runtime,
+            loaded: None,
+        };
+        self.spec = staged.spec;
+        if let Some(newest) = self.ring.back() {
+            passive.load(newest);
+        }
+        self.passive = Some(passive);
+        true
+    }
+
+    /// Whether frames of this layout are those of a version that is ready here.
+    #[must_use]
+    pub fn awaits(&self, layout: LayoutHash) -> bool {
+        self.staged
+            .as_ref()
+            .is_some_and(|s| s.spec.layout == layout)
     }
 
     /// What the node knows of the MC.
@@ -163,7 +231,7 @@ impl<R: McRuntime> Replica<R> {
             || header.layout != self.spec.layout
             || header.state_len as usize != len
         {
-            return Err(FrameRefusal::Layout);
+            return Err(FrameRefusal::Layout(header.layout));
         }
         let id = header.checkpoint_id();
         if self
@@ -219,6 +287,10 @@ impl<R: McRuntime> Replica<R> {
                 ReplicaOutcome::News(McNews::State { id, checkpoint })
             }
             McAct::Activate(activation) => self.activate(activation),
+            McAct::Adopt { version } => {
+                self.adopt(version);
+                ReplicaOutcome::Nothing
+            }
             McAct::Deactivate { epoch } => {
                 if self.waiting.as_ref().is_some_and(|w| w.epoch == epoch) {
                     self.waiting = None;
@@ -271,13 +343,79 @@ impl<R: McRuntime> Replica<R> {
         {
             passive.load(newest);
         }
+        if self.adopts.is_some() {
+            self.adopt_now();
+        }
         match self.waiting.take() {
             Some(activation) => self.activate(activation),
             None => ReplicaOutcome::Nothing,
         }
     }
 
+    /// Runs the staged version, from the state that the version of before has released.
+    fn renew(&mut self, activation: Box<Activation>, version: u64) -> ReplicaOutcome<R> {
+        let epoch = activation.epoch;
+        match self.renewed(*activation, version) {
+            Ok(active) => ReplicaOutcome::Activate(active),
+            Err(why) => ReplicaOutcome::News(McNews::NotStarted { epoch, why }),
+        }
+    }
+
+    fn renewed(
+        &mut self,
+        mut activation: Activation,
+        version: u64,
+    ) -> Result<Box<ActiveMc<R>>, String> {
+        let staged = self.staged.as_ref().filter(|s| s.version == version);
+        let Some(staged) = staged else {
+            return Err("this version is not ready here".to_owned());
+        };
+        let carried = match &activation.start {
+            Start::Initial => None,
+            Start::From {
+                source: StateSource::Given(old),
+                ..
+            } => {
+                let state = staged.carry.apply(&staged.spec, old)?;
+                Some(Checkpoint {
+                    layout: staged.spec.layout,
+                    state,
+                    ..(**old).clone()
+                })
+            }
+            Start::From { .. } => return Err("the state was not given along".to_owned()),
+        };
+        let before = (self.spec.clone(), self.passive.take());
+        self.adopts = Some(version);
+        self.adopt_now();
+        if let Some(carried) = carried {
+            activation.start = Start::From {
+                source: StateSource::Given(Arc::new(carried)),
+                retained_only: false,
+            };
+        }
+        let Some(mut passive) = self.passive.take() else {
+            (self.spec, self.passive) = before;
+            return Err("the instance is not here".to_owned());
+        };
+        passive.loaded = None;
+        match self.prepare(passive, activation) {
+            Ok(mut active) => {
+                // What was carried over was never applied: no delta may be told against it.
+                active.base_bytes = None;
+                Ok(active)
+            }
+            Err((_, why)) => {
+                (self.spec, self.passive) = before;
+                Err(why)
+            }
+        }
+    }
+
     fn activate(&mut self, activation: Box<Activation>) -> ReplicaOutcome<R> {
+        if let (Some(version), true) = (activation.renew, self.passive.is_some()) {
+            return self.renew(activation, version);
+        }
         let Some(passive) = self.passive.take() else {
             self.waiting = Some(activation);
             return ReplicaOutcome::Nothing;

@@ -163,6 +163,7 @@ impl<R: McRuntime> ScanCore<R> {
             | McAct::RunAction { .. }
             | McAct::Deactivate { .. }
             | McAct::ReadState { .. }
+            | McAct::Adopt { .. }
             | McAct::Activate(_) => {}
         }
         Fate::Stays

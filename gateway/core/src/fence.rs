@@ -154,7 +154,7 @@ fn image(gate: &Gate, frame: &FrameHeader, now: Now) -> Result<(), Rejection> {
 }
 
 fn layout(gate: &Gate, frame: &FrameHeader, _: Now) -> Result<(), Rejection> {
-    require(frame.layout == gate.model().layout, Rejection::Layout)
+    require(frame.layout == gate.layout(), Rejection::Layout)
 }
 
 fn outputs_length(gate: &Gate, frame: &FrameHeader, _: Now) -> Result<(), Rejection> {
@@ -166,7 +166,7 @@ fn outputs_length(gate: &Gate, frame: &FrameHeader, _: Now) -> Result<(), Reject
 
 fn state_length(gate: &Gate, frame: &FrameHeader, _: Now) -> Result<(), Rejection> {
     require(
-        frame.state_len == gate.model().diagnosis.checkpoint_len,
+        gate.fits(frame.layout, frame.state_len),
         Rejection::StateLength,
     )
 }

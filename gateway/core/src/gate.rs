@@ -3,11 +3,11 @@
 use crate::ages::ImageAges;
 use crate::chain::Ring;
 use crate::fence::{self, Rejection};
-use crate::stored::{StoredHead, StoredRecord, never};
+use crate::stored::{StoredHead, StoredRecord, never, room};
 use fam_proto::model::{InputSource, McModel};
 use fam_proto::{
-    Applied, CheckpointId, FrameView, HeadMeta, ImageNumber, Ledger, Now, Phase, RecordState,
-    RecordSummary, Scan, Successor, TrapInfo,
+    Applied, CheckpointId, FrameView, HeadMeta, ImageNumber, LayoutHash, Ledger, Now, Phase,
+    RecordState, RecordSummary, Scan, Successor, TrapInfo,
 };
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -73,6 +73,8 @@ pub struct Gate {
     model: Arc<McModel>,
     ledger: Ledger,
     head: Option<StoredHead>,
+    /// Layout of the states of this epoch: that of the head, until a new version of the logic brings its own.
+    layout: LayoutHash,
     ring: Ring,
     /// The head was released by its owner at a non-critical state, and nothing has disturbed it since.
     clean: bool,
@@ -144,6 +146,7 @@ impl Gate {
             .any(|input| matches!(input.source, InputSource::Field(_)));
         Gate {
             ledger,
+            layout: head.as_ref().map_or(model.layout, |head| head.meta.layout),
             head,
             ring,
             clean: false,
@@ -175,6 +178,21 @@ impl Gate {
     #[must_use]
     pub fn head(&self) -> Option<&StoredHead> {
         self.head.as_ref()
+    }
+    /// Layout of the states of this epoch.
+    #[must_use]
+    pub fn layout(&self) -> LayoutHash {
+        self.layout
+    }
+    /// Whether a state of this length fits: layouts that are known have their own length, others have what room there is.
+    #[must_use]
+    pub fn fits(&self, layout: LayoutHash, state_len: u32) -> bool {
+        let head = self.head.as_ref().filter(|h| h.meta.layout == layout);
+        match head {
+            Some(head) => head.state.len() == state_len as usize,
+            None if layout == self.model.layout => state_len == self.model.diagnosis.checkpoint_len,
+            None => state_len as usize <= room(self.model.diagnosis.checkpoint_len as usize),
+        }
     }
     /// Name of the head.
     #[must_use]
@@ -302,8 +320,9 @@ impl Gate {
         }
     }
 
-    /// The ledger of a grant is durable: the epoch begins.
-    pub fn grant(&mut self, ledger: Ledger, now: Now) {
+    /// The ledger of a grant is durable: the epoch begins, with states of this layout.
+    pub fn grant(&mut self, ledger: Ledger, layout: LayoutHash, now: Now) {
+        self.layout = layout;
         if ledger.base.is_none() {
             self.head = None;
             self.ring.clear();

@@ -451,7 +451,7 @@ impl Gateway {
         let Some(gate) = self.gates.get_mut(&open.mc) else {
             return;
         };
-        gate.grant(ledger, now);
+        gate.grant(ledger, open.layout, now);
         let answer = opening::answer(gate, open);
         self.send(to.clone(), Message::Opened(answer));
     }

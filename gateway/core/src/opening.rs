@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  epoch <= record's, or out of all reason .. StaleEpoch   (the same open again, before the first frame: the same grant)
-//!  another layout ........................... Layout
+//!  another layout than the head's ........... Layout       (unless it was released to exactly this open, or a cold reset)
 //!  stopped, faulted, or head lost, no reset . NeedsReset
 //!  released to (e, o): epoch < e ............ StaleEpoch
 //!                      epoch = e, not o ..... NotSuccessor
@@ -47,7 +47,10 @@ pub fn decide(gate: &Gate, open: &Open, owner_seen: bool, now: Now) -> Decision 
     if open.epoch.0 - record.epoch.0 > EPOCHS_AHEAD_MAX {
         return Decision::Refuse(OpenRefusal::StaleEpoch);
     }
-    if open.layout != gate.model().layout {
+    let continues = gate
+        .head()
+        .is_none_or(|head| head.meta.layout == open.layout);
+    if !continues && !begins_a_layout(record, open) {
         return Decision::Refuse(OpenRefusal::Layout);
     }
     if (record.state.needs_reset() && open.reset.is_none())
@@ -78,6 +81,16 @@ pub fn decide(gate: &Gate, open: &Open, owner_seen: bool, now: Now) -> Decision 
         last_scan: record.last_scan,
         head_lost: false,
     })
+}
+
+/// A new version of the logic may bring a new layout: where the version of before has released the MC to it, at a non-critical
+/// state, and where nothing of the state is kept.
+fn begins_a_layout(record: &Ledger, open: &Open) -> bool {
+    let released_to_it = matches!(
+        &record.state,
+        RecordState::Released(to) if to.epoch == open.epoch && to.owner == open.owner
+    );
+    released_to_it || open.reset == Some(Reset::Cold)
 }
 
 /// The answer to a granted open, from the record as it stands after the grant.

@@ -1,7 +1,8 @@
 //! The record file: a mapped file of fixed size that survives a kill of the gateway at any instruction.
 //!
 //! ```text
-//!  page 0          magic, format, cell, gateway, fingerprint of the model, checksum; two counters of starts
+//!  page 0          magic, format, cell, gateway, fingerprint of the MCs, checksum; two counters of starts
+//!  table           for each MC the room that its states have (8 bytes each, in order of names)
 //!  for each MC     ledger slot A | ledger slot B | head slot A | head slot B      (each on pages of its own)
 //! ```
 //!
@@ -9,12 +10,14 @@
 //! read, and the slot of before holds. Heads are written without a sync: the page cache outlives the process. Ledgers of
 //! openings are synced. The file is written in full when it is made, so that a full disk cannot strike later.
 //!
-//! A file that is foreign, of a newer version, of another cell or of another layout is refused and left untouched.
+//! A file that is foreign, of a newer version, of another cell or of other MCs is refused and left untouched. Each head says of
+//! which layout it is; a new version of an MC's logic may bring another one, within the room that the file has for it.
 
 mod slots;
 
-use fam_gateway_core::stored::never;
+use fam_gateway_core::stored::{never, room};
 use fam_gateway_core::{RecordWrite, StoredRecord};
+use fam_proto::codec::MESSAGE_BYTES_MAX;
 use fam_proto::model::{CellModel, McModel};
 use fam_proto::{CellId, Digest, GatewayId, McId};
 use memmap2::MmapMut;
@@ -26,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Version of the file that this build writes, and the only one that it reads.
-pub const FILE_VERSION: u32 = 1;
+pub const FILE_VERSION: u32 = 2;
 
 const PAGE: usize = 4096;
 const MAGIC: [u8; 8] = *b"FAMGWREC";
@@ -34,6 +37,9 @@ const NAME_AT: [usize; 2] = [64, 192];
 const NAME_BYTES: usize = 128;
 const FINGERPRINT_AT: usize = 16;
 const CHECKSUM_AT: usize = 32;
+/// Digest of the table of rooms.
+const TABLE_AT: usize = 48;
+const ROOM_BYTES: usize = 8;
 /// The checked part of page 0 ends here; the counters of starts lie behind.
 const FIXED_END: usize = 320;
 const STARTS_AT: [usize; 2] = [512, 520];
@@ -99,9 +105,19 @@ pub enum RecordsError {
         /// Its gateway.
         gateway: String,
     },
+    /// A state has no room any more.
+    #[error(
+        "record file {path} has no room for the state of {mc}, which has grown; it was left untouched. Go back to the version that it was written with, or, with the plant in its initial state, move the file away: all MCs then start from their initial values"
+    )]
+    Outgrown {
+        /// The file.
+        path: PathBuf,
+        /// The MC.
+        mc: McId,
+    },
     /// The model has changed.
     #[error(
-        "record file {path} was written for other MCs or other layouts of their states than the cell has now; it was left untouched. Go back to the cell that it was written with, or, with the plant in its initial state, move the file away: all MCs then start from their initial values"
+        "record file {path} was written for other MCs or other outputs than the cell has now; it was left untouched. Go back to the cell that it was written with, or, with the plant in its initial state, move the file away: all MCs then start from their initial values"
     )]
     Layout {
         /// The file.
@@ -157,10 +173,13 @@ impl RecordFile {
             .filter(|mc| &mc.gateway == gateway)
             .map(|mc| (&mc.mc, mc))
             .collect();
-        let (parts, bytes) = lay_out(&mcs);
-        let page = first_page(&cell.cell, gateway, &mcs);
+        let wanted: Vec<usize> = mcs
+            .values()
+            .map(|mc| room(mc.diagnosis.checkpoint_len as usize))
+            .collect();
+        let page = first_page(&cell.cell, gateway, &mcs, &wanted);
         if !path.exists() {
-            create(path, &page, bytes)?;
+            create(path, &page, lay_out(&mcs, &wanted).1)?;
         }
         let file = OpenOptions::new()
             .read(true)
@@ -176,7 +195,23 @@ impl RecordFile {
             }
             Err(std::fs::TryLockError::Error(error)) => return Err(io("locking it")(error)),
         }
-        check(path, &file, &page, bytes)?;
+        let rooms = check(path, &file, &page, mcs.len())?;
+        let (parts, bytes) = lay_out(&mcs, &rooms);
+        if file.metadata().map_err(io("reading its length"))?.len() != bytes as u64 {
+            return Err(RecordsError::Foreign {
+                path: path.to_owned(),
+            });
+        }
+        let outgrown = mcs.values().zip(&rooms);
+        if let Some((mc, _)) = outgrown
+            .into_iter()
+            .find(|(mc, room)| mc.diagnosis.checkpoint_len as usize > **room)
+        {
+            return Err(RecordsError::Outgrown {
+                path: path.to_owned(),
+                mc: mc.mc.clone(),
+            });
+        }
         // SAFETY: the file is locked by this process and has its full length, and its room is reserved on disk. Nobody who honours the
         // lock changes or shortens it; every byte read is checked by a checksum.
         let map = unsafe { MmapMut::map_mut(&file) }.map_err(io("mapping it"))?;
@@ -294,34 +329,44 @@ fn sync(map: &MmapMut, path: &Path, (at, len): (usize, usize)) -> Result<(), Str
         .map_err(|error| format!("syncing {}: {error}", path.display()))
 }
 
-fn lay_out(mcs: &BTreeMap<&McId, &McModel>) -> (BTreeMap<McId, McPart>, usize) {
-    let mut at = PAGE;
+fn table_bytes(mcs: usize) -> usize {
+    (mcs * ROOM_BYTES).div_ceil(PAGE) * PAGE
+}
+
+/// Where the parts lie, with so much room for the states, and how long the file is.
+fn lay_out(mcs: &BTreeMap<&McId, &McModel>, rooms: &[usize]) -> (BTreeMap<McId, McPart>, usize) {
+    let mut at = PAGE + table_bytes(mcs.len());
     let mut parts = BTreeMap::new();
-    for (mc, model) in mcs {
+    for ((mc, model), room) in mcs.iter().zip(rooms) {
         let ledger = LedgerSlots::at(at);
         at += ledger.bytes();
-        let head = HeadSlots::at(
-            at,
-            model.fail_safe.len(),
-            model.diagnosis.checkpoint_len as usize,
-        );
+        let head = HeadSlots::at(at, model.fail_safe.len(), *room);
         at += head.bytes();
         parts.insert((*mc).clone(), McPart { ledger, head });
     }
     (parts, at)
 }
 
-/// The first page as it has to be, but for the counters.
-fn first_page(cell: &CellId, gateway: &GatewayId, mcs: &BTreeMap<&McId, &McModel>) -> Vec<u8> {
-    let mut page = vec![0; PAGE];
+/// The first page as it has to be, but for the counters, and the table behind it.
+fn first_page(
+    cell: &CellId,
+    gateway: &GatewayId,
+    mcs: &BTreeMap<&McId, &McModel>,
+    rooms: &[usize],
+) -> Vec<u8> {
+    let mut page = vec![0; PAGE + table_bytes(mcs.len())];
+    for (n, room) in rooms.iter().enumerate() {
+        let at = PAGE + n * ROOM_BYTES;
+        page[at..at + ROOM_BYTES].copy_from_slice(&(*room as u64).to_le_bytes());
+    }
+    let table = Digest::of(0, &page[PAGE..]).0;
+    page[TABLE_AT..TABLE_AT + 16].copy_from_slice(&table);
     page[..8].copy_from_slice(&MAGIC);
     page[8..12].copy_from_slice(&FILE_VERSION.to_le_bytes());
     let mut layout = Vec::new();
     for (mc, model) in mcs {
         layout.extend_from_slice(mc.as_str().as_bytes());
         layout.push(0);
-        layout.extend_from_slice(&model.layout.0.to_le_bytes());
-        layout.extend_from_slice(&model.diagnosis.checkpoint_len.to_le_bytes());
         layout.extend_from_slice(&(model.fail_safe.len() as u64).to_le_bytes());
     }
     page[FINGERPRINT_AT..FINGERPRINT_AT + 16].copy_from_slice(&Digest::of(0, &layout).0);
@@ -407,7 +452,8 @@ fn fill(file: &mut File, page: &[u8], bytes: usize) -> io::Result<()> {
     file.sync_all()
 }
 
-fn check(path: &Path, file: &File, want: &[u8], bytes: usize) -> Result<(), RecordsError> {
+/// Whether it is the file that is wanted; gives the rooms that it has for the MCs' states.
+fn check(path: &Path, file: &File, want: &[u8], mcs: usize) -> Result<Vec<usize>, RecordsError> {
     use std::os::unix::fs::FileExt;
     let path_buf = || path.to_owned();
     let io = |source| RecordsError::Io {
@@ -451,10 +497,21 @@ fn check(path: &Path, file: &File, want: &[u8], bytes: usize) -> Result<(), Reco
     if page[fingerprint.clone()] != want[fingerprint] {
         return Err(RecordsError::Layout { path: path_buf() });
     }
-    if len != bytes as u64 {
+    let mut table = vec![0; table_bytes(mcs)];
+    let read = file.read_exact_at(&mut table, PAGE as u64);
+    if read.is_err() || page[TABLE_AT..TABLE_AT + 16] != Digest::of(0, &table).0 {
         return Err(RecordsError::Foreign { path: path_buf() });
     }
-    Ok(())
+    let rooms = table.chunks_exact(ROOM_BYTES).take(mcs).map(|bytes| {
+        bytes
+            .try_into()
+            .ok()
+            .and_then(|bytes| usize::try_from(u64::from_le_bytes(bytes)).ok())
+            .filter(|room| *room <= MESSAGE_BYTES_MAX * 2)
+    });
+    rooms
+        .collect::<Option<Vec<usize>>>()
+        .ok_or_else(|| RecordsError::Foreign { path: path_buf() })
 }
 
 #[cfg(test)]

@@ -138,17 +138,18 @@ pub(super) struct HeadSlots {
     at: usize,
     slot_bytes: usize,
     outputs_len: usize,
-    state_len: usize,
+    /// Longest state that there is room for.
+    room: usize,
     newest: Newest,
 }
 
 impl HeadSlots {
-    pub(super) fn at(at: usize, outputs_len: usize, state_len: usize) -> HeadSlots {
+    pub(super) fn at(at: usize, outputs_len: usize, room: usize) -> HeadSlots {
         HeadSlots {
             at,
-            slot_bytes: pages(OUTPUTS_AT + outputs_len + state_len),
+            slot_bytes: pages(OUTPUTS_AT + outputs_len + room),
             outputs_len,
-            state_len,
+            room,
             newest: Newest {
                 slot: 1,
                 sequence: 0,
@@ -182,7 +183,7 @@ impl HeadSlots {
         let [meta, outputs, state] = [0, 4, 8].map(|n| word(slot, LENGTHS_AT + n));
         let outputs_end = OUTPUTS_AT + outputs;
         if outputs != self.outputs_len
-            || state != self.state_len
+            || state > self.room
             || META_AT + meta > OUTPUTS_AT
             || !is_sealed(slot, outputs_end)
         {
@@ -203,7 +204,7 @@ impl HeadSlots {
     pub(super) fn write(&mut self, map: &mut [u8], head: &StoredHead) -> Result<(), String> {
         let meta = codec::encode(&head.meta).map_err(|error| error.to_string())?;
         if head.outputs.len() != self.outputs_len
-            || head.state.len() != self.state_len
+            || head.state.len() > self.room
             || META_AT + meta.len() > OUTPUTS_AT
         {
             return Err(format!(

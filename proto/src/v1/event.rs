@@ -49,6 +49,7 @@ pub enum EventKind {
     FieldDeviceLost,
     FieldDeviceBack,
     FramesRejected,
+    McRenewed,
 }
 
 /// One entry of the history.

@@ -82,6 +82,10 @@ pub enum Message {
     QueryReply(Box<QueryReply>),
     /// Gateway to MM, once a second if there are any: messages that it could not read or that were not for it, since its start.
     BadMessages(u64),
+    /// MM to CA, repeated until answered: read the cell again and make its changed MCs ready, under this number.
+    Stage(u64),
+    /// CA to MM: they are ready, or why not.
+    Staged(Box<Staged>),
 }
 
 /// What a controller hosts, as its CA registers it.
@@ -97,6 +101,30 @@ pub struct Hosted {
     pub memory_kb: u64,
     /// Worst-case scan time at CPU factor 1.0, in microseconds, declared in the model.
     pub worst_case_us: u32,
+}
+
+/// A version of an MC that a controller has made ready beside the one that runs.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct StagedMc {
+    /// The MC.
+    pub mc: McId,
+    /// Hash of logic, layout and masks.
+    pub version: u64,
+    /// Layout of its state.
+    pub layout: LayoutHash,
+}
+
+/// What came of [`Message::Stage`].
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Staged {
+    /// Number of the request.
+    pub id: u64,
+    /// Changed MCs that are hosted here.
+    pub mcs: Vec<StagedMc>,
+    /// What changed, and what becomes of the state of each MC; for people.
+    pub changes: String,
+    /// Why the new version cannot be taken while the cell runs; nothing is staged then.
+    pub refused: Option<String>,
 }
 
 /// A controller's resources.
@@ -295,6 +323,20 @@ pub enum OrderKind {
     Stop {
         /// The epoch that is to be stopped.
         epoch: Epoch,
+    },
+    /// Open `epoch`, to which the MC was released, and run it with a version that was staged: its state is carried over.
+    Renew {
+        /// The new epoch, durable before this order left.
+        epoch: Epoch,
+        /// Hash of the version.
+        version: u64,
+        /// How long the MCA tries, in microseconds.
+        within_us: u64,
+    },
+    /// Another controller runs this version now: hold it from now on.
+    Adopt {
+        /// Hash of the version.
+        version: u64,
     },
 }
 

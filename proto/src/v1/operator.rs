@@ -38,6 +38,9 @@ pub enum CommandKind {
     Reset { mc: McId, how: Reset },
     /// Acknowledge alarms: one by its position in the history, or all.
     Acknowledge(Option<u64>),
+    /// Bring a new version of the cell's logic in: without a number, read it and say what would change; with the number of that
+    /// command, do it.
+    Reload(Option<u64>),
 }
 
 /// The answer.

@@ -129,7 +129,7 @@ impl Plc {
                 self.active.take_if(|a| a.epoch == epoch);
                 None
             }
-            McAct::RunAction { .. } => None,
+            McAct::RunAction { .. } | McAct::Adopt { .. } => None,
         }
     }
 

@@ -915,7 +915,12 @@ impl Run<'_> {
                 None => return Ok(()),
                 Some(Output::Persist { write, .. }) => match write {},
                 Some(Output::Send(envelope)) => self.send(pid, envelope),
-                Some(Output::Event(_) | Output::Act(NodeAct::Leave { .. })) => {}
+                Some(
+                    Output::Event(_)
+                    | Output::Act(
+                        NodeAct::Leave { .. } | NodeAct::Stage { .. } | NodeAct::Renewed { .. },
+                    ),
+                ) => {}
                 Some(Output::Act(NodeAct::Mc { mut act, .. })) => {
                     if self.world.bug == Some(Bug::StaleStart) {
                         self.make_stale(pid, &mut act);

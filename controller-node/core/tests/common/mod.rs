@@ -254,6 +254,7 @@ impl Gateway {
             outputs: line.outputs.clone(),
             next_scan: line.record.scan().next(),
             at_once: false,
+            renew: None,
         }
     }
 

@@ -261,6 +261,7 @@ impl Fault {
             Fault::Command(CommandKind::Pin { .. }) => "pin",
             Fault::Command(CommandKind::Unpin(_)) => "unpin",
             Fault::Command(CommandKind::Acknowledge(_)) => "acknowledge",
+            Fault::Command(CommandKind::Reload(_)) => "reload",
             Fault::Trap { .. } => "trap",
             Fault::FieldSilent { .. } => "silent field",
             Fault::ManagerDiskFails { .. } => "manager's disk fails",
@@ -438,7 +439,10 @@ impl Fault {
             Fault::Cut { .. }
             | Fault::Storm { .. }
             | Fault::Command(
-                CommandKind::Drain(_) | CommandKind::Undrain(_) | CommandKind::Acknowledge(_),
+                CommandKind::Drain(_)
+                | CommandKind::Undrain(_)
+                | CommandKind::Acknowledge(_)
+                | CommandKind::Reload(_),
             )
             | Fault::FieldSilent { .. }
             | Fault::ManagerDiskFails { .. }

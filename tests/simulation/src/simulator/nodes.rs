@@ -352,6 +352,8 @@ impl World {
                 Output::Persist { write, .. } => match write {},
                 Output::Send(envelope) => self.send(pid, envelope),
                 Output::Act(NodeAct::Mc { mc, act }) => self.act(n, &mc, act),
+                // The files of a simulated cell do not change while it runs.
+                Output::Act(NodeAct::Stage { .. } | NodeAct::Renewed { .. }) => {}
                 Output::Act(NodeAct::Leave { left }) => {
                     self.note(|| format!("{pid:<8} leaves, left behind: {left:?}"));
                     self.deed("left");
