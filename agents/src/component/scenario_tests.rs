@@ -2,8 +2,8 @@
 
 use super::diagnose::tests::{CARRY, PRESS, STOP, a_checkpoint, a_grant};
 use super::table_tests::{
-    E, MANAGER, activate, agent, grant, image, in_state, me, order, owner, record, refusal,
-    release, trap, words,
+    E, MANAGER, activate, agent, grant, image, in_state, me, next_version, order, owner, record,
+    refusal, release, trap, words,
 };
 use super::*;
 use fam_proto::agent::Output;
@@ -333,4 +333,56 @@ fn a_higher_epoch_replaces_an_opening_and_takes_back_what_was_started() {
     assert_eq!((words(&mut a).as_str(), a.epoch()), ("", Some(Epoch(6))));
     a.order(MANAGER, activate(5, 6, None), Now(4));
     assert_eq!(words(&mut a), "<not opened #5>");
+}
+
+#[test]
+fn a_new_version_starts_from_a_released_state_and_from_no_other() {
+    let renew = |id| {
+        order(
+            id,
+            OrderKind::Renew {
+                epoch: Epoch(6),
+                version: 60,
+                within_us: 500_000,
+            },
+        )
+    };
+    let grant = |interrupted| {
+        let mut opened = a_grant(Some(&a_checkpoint(10, Phase::Running)), interrupted);
+        opened.epoch = Epoch(6);
+        Message::Opened(opened)
+    };
+    for interrupted in [false, true] {
+        // The record shows the release before the scan thread does.
+        let mut a = in_state("releasing");
+        a.stage(next_version());
+        a.order(MANAGER, renew(8), Now(1));
+        assert_eq!(words(&mut a), "");
+        a.news(
+            McNews::Released {
+                epoch: E,
+                scan: Scan(9),
+            },
+            Now(2),
+        );
+        assert_eq!(words(&mut a), "<released #2> open");
+        a.gateway_message(grant(interrupted), Now(3));
+        if interrupted {
+            assert_eq!(words(&mut a), "<not opened #8>");
+            assert_eq!((a.state(), a.config().version), (McaState::Passive, 50));
+            continue;
+        }
+        assert_eq!(words(&mut a), "RUN NEW 0 given");
+        assert_eq!(a.config().version, 50, "until it runs");
+        a.news(McNews::Started { epoch: Epoch(6) }, Now(4));
+        assert_eq!(words(&mut a), "<activated 0 #8>");
+        assert_eq!((a.config().version, a.config().layout), (60, LayoutHash(6)));
+    }
+    // The release is off after all.
+    let mut a = in_state("releasing");
+    a.stage(next_version());
+    a.order(MANAGER, renew(8), Now(1));
+    let why = "critical".to_owned();
+    a.news(McNews::ReleaseCancelled { epoch: E, why }, Now(2));
+    assert_eq!(words(&mut a), "<cancelled #2> <not opened #8>");
 }

@@ -34,7 +34,7 @@ pub(super) fn agent(stop: bool) -> McAgent {
 }
 
 /// Version 60 of the same MC: another layout.
-fn next_version() -> ComponentConfig {
+pub(super) fn next_version() -> ComponentConfig {
     ComponentConfig {
         owner: me(),
         mc: McId::new("Station1").unwrap(),

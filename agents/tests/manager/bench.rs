@@ -23,6 +23,8 @@ pub struct Bench {
     pub events: Vec<Event>,
     pub plans: Vec<Plan>,
     pub replies: Vec<CommandReply>,
+    /// Number of the newest request to make a new version ready.
+    pub stage: u64,
     pub last_status: Option<CellStatus>,
     pub last_page: (Vec<Event>, bool),
     /// A controller whose MCAs hold nothing.
@@ -76,6 +78,7 @@ impl Bench {
             events: Vec::new(),
             plans: Vec::new(),
             replies: Vec::new(),
+            stage: 0,
             last_status: None,
             last_page: (Vec::new(), false),
             blank: None,
@@ -290,7 +293,15 @@ impl Bench {
                     ),
                     OrderKind::CancelRelease { epoch } => format!("cancel e{epoch}{again}"),
                     OrderKind::Stop { epoch } => format!("stop e{epoch}{again}"),
+                    OrderKind::Renew { epoch, version, .. } => {
+                        format!("renew e{epoch} v{version}{again}")
+                    }
+                    OrderKind::Adopt { version } => format!("adopt v{version}{again}"),
                 }
+            }
+            Message::Stage(id) => {
+                self.stage = *id;
+                "stage".to_owned()
             }
             Message::CommandReply(reply) => {
                 self.replies.push(reply.clone());
@@ -614,6 +625,28 @@ impl Bench {
                 mc: m(mc),
                 how: Reset::Cold,
             }),
+            ["reload"] => self.operator(CommandKind::Reload(None)),
+            ["reload", look] => self.operator(CommandKind::Reload(Some(look.parse().unwrap()))),
+            ["staged", who, mc, version] => {
+                let (name, boot) = split(who);
+                let staged = Staged {
+                    id: self.stage,
+                    mcs: vec![StagedMc {
+                        mc: m(mc),
+                        version: version.parse().unwrap(),
+                        layout: LayoutHash(77),
+                    }],
+                    changes: format!("{mc}: changed"),
+                    refused: None,
+                };
+                let from = AgentId::Controller(c(name));
+                self.message(
+                    from,
+                    boot,
+                    AgentId::Manager,
+                    Message::Staged(Box::new(staged)),
+                );
+            }
             ["ack"] => self.operator(CommandKind::Acknowledge(None)),
             ["events", after, limit] => {
                 let body = Message::Query(Query::Events {

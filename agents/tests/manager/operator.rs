@@ -343,3 +343,65 @@ fn the_last_node_may_leave_and_the_loss_is_named() {
         "{alarm:?}"
     );
 }
+
+/// A new version of m1 is made ready on both controllers, and runs where m1 runs.
+#[test]
+fn a_new_version_is_made_ready_everywhere_and_brought_in_by_its_owner() {
+    let mut bench = running();
+    bench.script(&[
+        (1_001, "reload", "c1 stage; c2 stage; client1 begun"),
+        (1_010, "staged c1.1 m1 60", ""),
+        // An answer that got lost is asked for again.
+        (1_302, "tick", "c2 stage"),
+        (1_310, "staged c2.1 m1 60", "client1 done"),
+    ]);
+    assert_eq!(bench.answer(), "m1: changed");
+    bench.script(&[
+        (
+            1_320,
+            "reload 1",
+            "client1 begun; c1/m1 release e3 to c1 e4",
+        ),
+        (
+            1_330,
+            "image m1=released,c1.1,e3,c1.1,e4",
+            "c1/m1 renew e4 v60",
+        ),
+        (
+            1_340,
+            "image m1=open,c1.1,e4",
+            "c2/m1 adopt v60; client1 done",
+        ),
+    ]);
+    assert_eq!(bench.answer(), "the new version is in force: m1");
+    let not = |bench: &Bench, who: &str| {
+        let view = bench.agents.view();
+        view.controllers[&c(who)].ineligible.get(&m("m1")).cloned()
+    };
+    assert!(not(&bench, "c2").unwrap().contains("than those in force"));
+    for who in ["c1.1", "c2.1"] {
+        let mut registration = bench.registration(who);
+        registration.mcs[0].hash = 60;
+        registration.mcs[0].layout = LayoutHash(77);
+        bench.register(registration);
+        assert_eq!(not(&bench, &who[..2]), None, "{who} has it now");
+    }
+    // A manager that starts now learns the version from who drives.
+    assert_eq!(bench.agents.view().version_of(&m("m1")).unwrap().0, 60);
+}
+
+#[test]
+fn controllers_that_have_read_different_files_bring_nothing_in() {
+    let mut bench = running();
+    bench.script(&[
+        (1_001, "reload", "c1 stage; c2 stage; client1 begun"),
+        (1_010, "staged c1.1 m1 60", ""),
+        (1_020, "staged c2.1 m1 61", "client1 failed"),
+    ]);
+    let answer = bench.answer();
+    assert!(answer.contains("different versions of m1"), "{answer}");
+    assert_eq!(bench.step(1_030, "reload 1"), "client1 failed");
+    assert_eq!(bench.step(1_031, "reload 9"), "client1 failed");
+    let answer = bench.answer();
+    assert!(answer.contains("begin anew"), "{answer}");
+}

@@ -3,12 +3,13 @@
 mod common;
 
 use common::*;
-use fam_node_core::McRuntime;
 use fam_node_core::model_mc::{
     ACTION_SCANS, CARRY, ModelMc, PRESS, STEPS, STOP, TRAP_ALWAYS, TRAP_INPUT,
 };
+use fam_node_core::{Carry, McRuntime, StagedVersion};
 use fam_proto::access::{McAct, McNews, Start, StateSource};
 use fam_proto::*;
+use std::sync::Arc;
 
 fn started(epoch: u64) -> McNews {
     McNews::Started {
@@ -530,4 +531,99 @@ fn a_slower_controller_spends_and_counts_its_time() {
     // the host's clock goes on by 100 us with each look
     assert_eq!(cell.a.host.spent_ns, 100_000);
     assert_eq!(cell.gateway.lines[0].applied[0].scan_us, 200);
+}
+
+/// A version with more state takes the place of the one that runs, on the controller that runs it and on the one that does not.
+#[test]
+fn a_new_version_goes_on_from_the_state_that_the_old_one_released() {
+    let mut cell = model_cell(0);
+    cell.activate_a(0, |_| {});
+    for _ in 0..20 {
+        cell.tick();
+    }
+    let more = 64;
+    let staged = |version| {
+        let old = ModelMc::spec(0, mc_id(0), gateway_id(), TICK_US as u32, 0);
+        let new = ModelMc::spec(0, mc_id(0), gateway_id(), TICK_US as u32, more);
+        Box::new(StagedVersion {
+            version,
+            carry: Carry {
+                from: old.layout,
+                from_len: old.initial.len(),
+                copies: vec![(0..old.initial.len(), 0)],
+            },
+            spec: Arc::new(new),
+            runtime: ModelMc::new(more),
+        })
+    };
+    cell.a.replicas[0].stage(staged(7));
+    cell.b.replicas[0].stage(staged(7));
+    assert!(cell.b.replicas[0].awaits(ModelMc::layout(more)));
+    let own = cell.a.owner.clone();
+    let act = McAct::Release {
+        epoch: cell.gateway.lines[0].record.epoch,
+        successor: Successor {
+            epoch: cell.gateway.lines[0].record.epoch.next(),
+            owner: own,
+        },
+        within_us: 1_000_000,
+    };
+    cell.a.act(0, act, cell.now);
+    while !cell
+        .a
+        .news()
+        .iter()
+        .any(|n| matches!(n, McNews::Released { .. }))
+    {
+        cell.tick();
+    }
+    let released = cell.head(0).clone();
+    // What is not staged does not run, and neither does a state of another length.
+    cell.activate_a(0, |a| a.renew = Some(8));
+    assert!(matches!(cell.a.news()[..], [McNews::NotStarted { .. }]));
+    cell.activate_a(0, |a| {
+        a.renew = Some(7);
+        if let Start::From {
+            source: StateSource::Given(given),
+            ..
+        } = &mut a.start
+        {
+            Arc::make_mut(given).state.pop();
+        }
+    });
+    assert!(matches!(cell.a.news()[..], [McNews::NotStarted { .. }]));
+    cell.activate_a(0, |a| a.renew = Some(7));
+    for _ in 0..10 {
+        cell.tick();
+    }
+    let head = cell.head(0).clone();
+    assert_eq!(head.layout, ModelMc::layout(more));
+    assert_eq!(head.state.len(), released.state.len() + more);
+    assert_eq!(
+        head.id.scan.0,
+        released.id.scan.0 + 10,
+        "no scan is missing"
+    );
+    assert_eq!(ModelMc::trace(&head.state), undisturbed(head.id.scan.0));
+    // The other one holds it from the word to do so on, and can go on with it.
+    let missed = cell.b.replicas[0].refused();
+    assert!(missed > 0, "frames of the new version came before the word");
+    cell.b.act(0, McAct::Adopt { version: 7 }, cell.now);
+    for _ in 0..300 {
+        cell.tick();
+    }
+    assert_eq!(
+        cell.b.replicas[0].held().unwrap().scan,
+        cell.head(0).id.scan
+    );
+    cell.activate_b(0, |_| {});
+    for _ in 0..5 {
+        cell.tick();
+    }
+    let last = cell.head(0).clone();
+    assert_eq!(
+        cell.gateway.lines[0].applied.last().unwrap().owner,
+        cell.b.owner
+    );
+    assert_eq!(ModelMc::trace(&last.state), undisturbed(last.id.scan.0));
 }

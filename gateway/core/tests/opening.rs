@@ -2,7 +2,7 @@
 
 mod common;
 use common::*;
-use fam_gateway_core::RecordWrite;
+use fam_gateway_core::{RecordWrite, Rejection};
 use fam_proto::agent::Input;
 use fam_proto::*;
 
@@ -63,6 +63,11 @@ fn the_table_of_openings() {
     };
     let mut other_layout = ask(2, 9);
     other_layout.layout = LayoutHash(1);
+    let new_version = |n, epoch| {
+        let mut open = ask(n, epoch);
+        open.layout = LayoutHash(1);
+        open
+    };
     let mut unknown = ask(2, 9);
     unknown.mc = McId::new("Other").unwrap();
     let stale = Err(OpenRefusal::StaleEpoch);
@@ -104,6 +109,18 @@ fn the_table_of_openings() {
             released,
             ask(1, 7),
             Err(OpenRefusal::NotSuccessor),
+        ),
+        (
+            "another layout, released to it",
+            released,
+            new_version(2, 7),
+            Ok(()),
+        ),
+        (
+            "another layout, released to another",
+            released,
+            new_version(1, 8),
+            Err(OpenRefusal::Layout),
         ),
         ("below the successor", released, ask(2, 6), stale),
         ("above the successor", released, ask(1, 8), Ok(())),
@@ -338,7 +355,11 @@ fn a_stranger_opens_and_closes_nothing() {
         }));
     }
     assert_eq!(bench.gateway.misdirected(), 3);
-    assert_eq!(bench.sent.len(), sent);
+    let answers = &bench.sent[sent..];
+    assert!(
+        answers.iter().all(|e| matches!(e, Message::BadMessages(_))),
+        "only the manager hears of it: {answers:?}"
+    );
     assert_eq!(bench.record().state, RecordState::Open);
 }
 
@@ -358,4 +379,66 @@ fn a_trap_sets_the_fail_safe_values_at_once_and_only_for_its_owner() {
     assert!(event.text.contains("station1.st line 12"), "{}", event.text);
     bench.restart();
     assert_eq!(bench.record().state, RecordState::Faulted(trap()));
+}
+
+/// A new version of the logic brings a longer state: from its first frame on the chain is of its layout, and until then the old
+/// version may still go on.
+#[test]
+fn a_new_layout_begins_where_the_old_one_was_released() {
+    for driven in [false, true] {
+        let mut bench = Bench::new();
+        let mut driver = bench.driver(1, 5);
+        bench.scan(&mut driver);
+        release(&mut bench, &mut driver, 2, 6);
+        let mut open = ask(2, 6);
+        open.layout = LayoutHash(1);
+        let Message::Opened(opened) = bench.open(open) else {
+            panic!("it was released to it")
+        };
+        let mut new = Driver::of(2, &opened);
+        if driven {
+            // A frame of the layout of before is nothing of this epoch.
+            let rejected = bench.rejected(Rejection::Layout);
+            let image = bench.newest_image();
+            bench.frame(new.clone().frame(image));
+            assert_eq!(bench.rejected(Rejection::Layout), rejected + 1);
+            new.header.layout = LayoutHash(1);
+            new.state.resize(STATE_LEN + 40, 7);
+            new.header.state_len = new.state.len() as u32;
+            let applied = bench.applied.len();
+            bench.scan(&mut new);
+            bench.pass(TICK_US);
+            bench.scan(&mut new);
+            assert_eq!(bench.applied.len(), applied + 2);
+            // It has a length of its own now.
+            let mut longer = new.clone();
+            longer.state.push(0);
+            longer.header.state_len += 1;
+            let image = bench.newest_image();
+            bench.frame(longer.frame(image));
+            assert_eq!(bench.rejected(Rejection::StateLength), 1);
+        }
+        // The new controller dies: who goes on has to know the layout of the head.
+        bench.token(2, false);
+        bench.pass(4 * TICK_US);
+        let mut next = ask(1, 7);
+        next.layout = LayoutHash(1);
+        let (new_layout, old_layout) = (next, ask(1, 8));
+        let (refused, granted) = if driven {
+            (old_layout, new_layout)
+        } else {
+            (new_layout, old_layout)
+        };
+        assert!(matches!(
+            bench.open(refused),
+            Message::OpenRefused(OpenRefused {
+                why: OpenRefusal::Layout,
+                ..
+            })
+        ));
+        assert!(
+            matches!(bench.open(granted), Message::Opened(_)),
+            "{driven}"
+        );
+    }
 }

@@ -169,9 +169,14 @@ fn files_of_others_are_refused_by_name_and_left_untouched() {
         model.cell = CellId::new("elsewhere").unwrap();
         model
     };
-    let other_layout = {
+    let other_outputs = {
         let mut model = testing::cell();
-        model.mcs[1].layout = LayoutHash(99);
+        model.mcs[1].fail_safe.push(0);
+        model
+    };
+    let outgrown = {
+        let mut model = testing::cell();
+        model.mcs[1].diagnosis.checkpoint_len += 100_000;
         model
     };
     let cell = testing::cell();
@@ -185,9 +190,9 @@ fn files_of_others_are_refused_by_name_and_left_untouched() {
         ),
         (
             "newer version",
-            with(8, &2_u32.to_le_bytes()),
+            with(8, &3_u32.to_le_bytes()),
             &cell,
-            "has format version 2, this build reads version 1",
+            "has format version 3, this build reads version 2",
         ),
         (
             "damaged",
@@ -208,10 +213,22 @@ fn files_of_others_are_refused_by_name_and_left_untouched() {
             "belongs to gateway gateway1 of cell test",
         ),
         (
-            "other layout",
+            "other outputs",
             good.clone(),
-            &other_layout,
-            "other MCs or other layouts",
+            &other_outputs,
+            "other MCs or other outputs",
+        ),
+        (
+            "outgrown",
+            good.clone(),
+            &outgrown,
+            "has no room for the state of",
+        ),
+        (
+            "damaged table",
+            with(PAGE, &[9, 9, 9]),
+            &cell,
+            "is not a record file",
         ),
     ] {
         std::fs::write(&place.path, &content).unwrap();
