@@ -57,7 +57,7 @@ pub const RELEASE_GRACE_US: u64 = 100_000;
 pub const ORDERS_AHEAD: u64 = 1_000;
 
 /// What an MCA is made for.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ComponentConfig {
     /// The controller in this life.
     pub owner: Owner,
@@ -137,7 +137,7 @@ impl State {
 }
 
 /// The MC Agent.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct McAgent {
     config: Arc<ComponentConfig>,
     state: State,
@@ -152,6 +152,19 @@ pub struct McAgent {
     /// Newest release to this controller that was seen.
     handed: Option<Successor>,
     out: VecDeque<NodeOutput>,
+}
+
+// An answer is repeated as it was; which order it answers, and how, is all that others act on.
+impl std::hash::Hash for McAgent {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        (&self.config.owner, &self.config.mc).hash(state);
+        (&self.state, self.order, &self.doubtful).hash(state);
+        let answered = self.answered.as_ref();
+        answered
+            .map(|r| (r.order, std::mem::discriminant(&r.outcome)))
+            .hash(state);
+        (self.held, &self.handed, &self.out).hash(state);
+    }
 }
 
 impl McAgent {
@@ -180,6 +193,12 @@ impl McAgent {
     #[must_use]
     pub fn gateway(&self) -> &GatewayId {
         &self.config.gateway
+    }
+
+    /// The newest order, and the life of the manager that gave it.
+    #[must_use]
+    pub fn newest_order(&self) -> Option<(BootId, OrderId)> {
+        self.order
     }
 
     /// State as others see it.
