@@ -70,7 +70,7 @@ impl std::fmt::Display for Loss {
 }
 
 /// One controller.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ControllerView {
     /// Registration of the life in force.
     pub registration: Option<Registration>,
@@ -98,6 +98,24 @@ pub struct ControllerView {
     pub may_leave: bool,
     /// MCs that it may leave behind, because nobody else can take them.
     pub behind: BTreeSet<McId>,
+}
+
+// When it was heard counts only while it is up, since when it is lost only while it is. What it runs by its registration is for people.
+impl Hash for ControllerView {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        if let Some(r) = &self.registration {
+            (&r.owner, r.cpu_factor_permille, r.memory_kb).hash(state);
+            (r.limit_permille, r.tick_us, &r.mcs).hash(state);
+        }
+        (self.registration.is_some(), &self.ineligible, &self.tokens).hash(state);
+        (self.expected_since, &self.report, self.lost).hash(state);
+        match (self.is_up(), self.lost) {
+            (true, _) => self.heard.hash(state),
+            (false, Some(_)) => self.lost_since.hash(state),
+            (false, None) => {}
+        }
+        (self.drained, self.leaving, self.may_leave, &self.behind).hash(state);
+    }
 }
 
 impl ControllerView {
@@ -130,7 +148,7 @@ impl ControllerView {
 }
 
 /// An activation on a controller failed: it is left out for this MC.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeftOut {
     /// Not before this moment, and not before a report says that its input image is fresh.
     pub until: Now,
@@ -140,6 +158,13 @@ pub struct LeftOut {
     pub cleared: bool,
     /// What happened.
     pub why: String,
+}
+
+// How often it failed shows in the time; the reason is for people.
+impl Hash for LeftOut {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (self.until, self.cleared).hash(state);
+    }
 }
 
 /// What is being done about an MC.
@@ -152,7 +177,7 @@ pub enum UnderWay {
 }
 
 /// One MC.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct McView {
     /// Position of its model in the cell model.
     at: usize,
@@ -180,6 +205,15 @@ pub struct McView {
     pub version: Option<(u64, LayoutHash)>,
 }
 
+// The state that its MCA reported is for people.
+impl Hash for McView {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (self.at, &self.record, &self.assigned, &self.pinned).hash(state);
+        (self.stopped, self.shed, self.reset, &self.under_way).hash(state);
+        (&self.left_out, self.left_alone).hash(state);
+    }
+}
+
 impl McView {
     fn is_before_its_first_start(&self) -> bool {
         self.record
@@ -189,7 +223,7 @@ impl McView {
 }
 
 /// One gateway.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct GatewayView {
     /// Its life, from its images.
     pub boot: Option<BootId>,
@@ -205,6 +239,16 @@ pub struct GatewayView {
     pub heard: Now,
     /// Token gone or images missing.
     pub down: bool,
+}
+
+// When it was heard counts only while it is up.
+impl Hash for GatewayView {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (self.boot, self.token, self.image, self.doubtful, self.down).hash(state);
+        if self.is_up() {
+            self.heard.hash(state);
+        }
+    }
 }
 
 impl GatewayView {

@@ -185,7 +185,7 @@ impl ControllerAgent {
 
     /// Whether the words of this life of a manager count no more: another one does.
     #[must_use]
-    pub(crate) fn is_over(&self, manager: BootId) -> bool {
+    pub fn is_over(&self, manager: BootId) -> bool {
         self.manager
             .boot
             .is_some_and(|known| manager != known && !self.follows(manager, known))

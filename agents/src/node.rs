@@ -115,7 +115,7 @@ pub struct NodeSample {
 }
 
 /// What a node's agents are made for.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NodeConfig {
     /// The controller in this life.
     pub owner: Owner,
@@ -129,6 +129,13 @@ pub struct NodeConfig {
     pub real_time: Vec<String>,
     /// Values of this controller for further bid criteria, by name.
     pub criteria: Vec<(String, i64)>,
+}
+
+// All but its life is given by the node's project.
+impl std::hash::Hash for NodeConfig {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        self.owner.hash(state);
+    }
 }
 
 /// The Controller Agent and the MC Agents of a node.

@@ -58,7 +58,7 @@ pub const RELEASE_GRACE_US: u64 = 100_000;
 pub const ORDERS_AHEAD: u64 = 1_000;
 
 /// What an MCA is made for.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ComponentConfig {
     /// The controller in this life.
     pub owner: Owner,
@@ -140,7 +140,7 @@ impl State {
 }
 
 /// The MC Agent.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct McAgent {
     config: Arc<ComponentConfig>,
     state: State,
@@ -159,6 +159,19 @@ pub struct McAgent {
     /// An order to run it that came before the scan thread said that the release is through.
     renewal: Option<ActivateOrder>,
     out: VecDeque<NodeOutput>,
+}
+
+// An answer is repeated as it was; which order it answers, and how, is all that others act on.
+impl std::hash::Hash for McAgent {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        (&self.config.owner, &self.config.mc).hash(state);
+        (&self.state, self.order, &self.doubtful).hash(state);
+        let answered = self.answered.as_ref();
+        answered
+            .map(|r| (r.order, std::mem::discriminant(&r.outcome)))
+            .hash(state);
+        (self.held, &self.handed, &self.out).hash(state);
+    }
 }
 
 impl McAgent {
@@ -189,6 +202,12 @@ impl McAgent {
     #[must_use]
     pub fn gateway(&self) -> &GatewayId {
         &self.config.gateway
+    }
+
+    /// The newest order, and the life of the manager that gave it.
+    #[must_use]
+    pub fn newest_order(&self) -> Option<(BootId, OrderId)> {
+        self.order
     }
 
     /// State as others see it.

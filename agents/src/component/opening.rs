@@ -10,7 +10,7 @@ use fam_proto::{
 use std::sync::Arc;
 
 /// An activation under way.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Opening {
     pub order: OrderId,
     pub epoch: Epoch,
@@ -47,6 +47,14 @@ struct Starting {
     interval: Option<String>,
     /// An order to stop that came meanwhile.
     stop: Option<OrderId>,
+}
+
+// What the gateway said last is told to people.
+impl std::hash::Hash for Opening {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        (self.order, self.epoch, self.force, self.reset).hash(state);
+        (self.until, self.send_bytes, &self.step).hash(state);
+    }
 }
 
 impl Opening {

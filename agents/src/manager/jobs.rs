@@ -67,7 +67,7 @@ enum Step {
 }
 
 /// An MC on its way.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Job {
     plan: Option<PlanId>,
     aim: Aim,
@@ -80,7 +80,26 @@ pub(super) struct Job {
     began: Now,
 }
 
+// When it began is told to people.
+impl std::hash::Hash for Job {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        (self.plan, &self.aim, &self.from, self.from_epoch).hash(state);
+        (self.force, self.reset, self.step).hash(state);
+    }
+}
+
 impl Job {
+    /// Whether it waits for this order to be carried out.
+    pub(super) fn awaits(&self, id: OrderId) -> bool {
+        match self.step {
+            Step::Reserving => false,
+            Step::Activating { order, .. } | Step::Stopping { order, .. } => order == id,
+            Step::Releasing {
+                activate, release, ..
+            } => activate == id || release == id,
+        }
+    }
+
     fn target(&self) -> Option<&Owner> {
         match &self.aim {
             Aim::Activate(owner) | Aim::Handover(owner) | Aim::Renew(owner, ..) => Some(owner),

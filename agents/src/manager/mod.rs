@@ -31,7 +31,7 @@ use fam_proto::mark::{Mark, hash_marked};
 use fam_proto::model::CellModel;
 use fam_proto::{
     AgentId, BootId, ControllerId, Envelope, Epoch, Event, EventKind, InputImage, McId, Message,
-    Now, Plan, PlanId, ProcessId, RepoState, RepoWrite, Severity,
+    Now, OrderId, Plan, PlanId, ProcessId, RepoState, RepoWrite, Severity,
 };
 use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
@@ -117,11 +117,12 @@ pub struct MiddlewareManager {
     bad_messages_link: u64,
 }
 
-// What was told, and what is only counted, is no part of the state.
+// What was told or will be (the alarm of an MC without a place), and what is only counted, is no part of the state.
 impl Hash for MiddlewareManager {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.view.hash(state);
-        self.started.hash(state);
+        // When it began counts until it has settled.
+        (!self.view.settled).then_some(self.started).hash(state);
         self.desk.hash(state);
         self.epochs.hash(state);
         self.epochs_again.hash(state);
@@ -135,9 +136,6 @@ impl Hash for MiddlewareManager {
         for (controller, (version, generation, again)) in &self.emptying {
             (controller, generation, again).hash(state);
             hash_marked(Mark::Count, *version, state);
-        }
-        for (mc, (tries, told)) in &self.unplaced {
-            (mc, told, (*tries).min(plans::TRIES_BEFORE_ALARM)).hash(state);
         }
     }
 }
@@ -206,6 +204,18 @@ impl MiddlewareManager {
     #[must_use]
     pub fn view(&self) -> &CellView {
         &self.view
+    }
+
+    /// Whether a job waits for what comes of this order.
+    #[must_use]
+    pub fn awaits(&self, id: OrderId) -> bool {
+        self.jobs.values().any(|job| job.awaits(id))
+    }
+
+    /// Whether this order is repeated until it is received.
+    #[must_use]
+    pub fn repeats(&self, id: OrderId) -> bool {
+        self.orders.is_out(id)
     }
 
     /// A message. `false`: it contradicts itself or is not for the manager, and was counted and dropped.

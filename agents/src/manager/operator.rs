@@ -101,11 +101,18 @@ impl Goal {
     }
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct Entry {
     order: u64,
     reply: CommandReply,
     goal: Option<(Goal, Now)>,
+}
+
+// What was answered is repeated and not acted on.
+impl std::hash::Hash for Entry {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        self.goal.hash(state);
+    }
 }
 
 /// Commands that came, with what was answered.

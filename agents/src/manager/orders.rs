@@ -21,14 +21,6 @@ struct Outgoing {
     expires: Option<Now>,
 }
 
-// How often it was sent counts only until the pauses are the long ones.
-impl Hash for Outgoing {
-    fn hash<H: Hasher>(&self, state: &mut H) {
-        (&self.to, &self.order, self.next, self.expires).hash(state);
-        self.sent.min(REPEAT_FAST + 1).hash(state);
-    }
-}
-
 /// All orders that are not received yet.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Orders {
@@ -36,11 +28,10 @@ pub(super) struct Orders {
     outgoing: BTreeMap<OrderId, Outgoing>,
 }
 
+// A repetition does nothing that the first copy, come later, does not do, and the next number is above all that were given: neither
+// is a part of the state.
 impl Hash for Orders {
-    fn hash<H: Hasher>(&self, state: &mut H) {
-        OrderId(self.last).hash(state);
-        self.outgoing.hash(state);
-    }
+    fn hash<H: Hasher>(&self, _: &mut H) {}
 }
 
 impl Orders {
@@ -86,6 +77,11 @@ impl Orders {
         if self.outgoing.get(&id).is_some_and(|o| &o.to == from) {
             self.outgoing.remove(&id);
         }
+    }
+
+    /// Whether it is still repeated.
+    pub(super) fn is_out(&self, id: OrderId) -> bool {
+        self.outgoing.contains_key(&id)
     }
 
     /// It is not wanted any more.

@@ -70,12 +70,19 @@ pub enum PlanRefusal {
 }
 
 /// A plan that is being carried out.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Running {
     open: BTreeSet<McId>,
     done: u32,
     failed: Vec<String>,
     began: Now,
+}
+
+// What has come of it so far is told to people.
+impl std::hash::Hash for Running {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        self.open.hash(state);
+    }
 }
 
 impl MiddlewareManager {

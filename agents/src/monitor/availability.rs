@@ -14,8 +14,6 @@ use std::hash::{Hash, Hasher};
 pub const RETRY_US: u64 = 100_000;
 /// The longest pause between two tries, in microseconds.
 const RETRY_MAX_US: u64 = 2_000_000;
-/// After so many tries the pause is the longest.
-const TRIES_LONGEST: u32 = 6;
 /// A controller whose newest input image is older than this can drive nothing, in microseconds.
 pub const IMAGE_STALE_US: u64 = 100_000;
 /// A replica so many scans behind the record follows closely: the gateway's copy is not needed.
@@ -32,10 +30,9 @@ struct Raised {
 
 impl Hash for Raised {
     fn hash<H: Hasher>(&self, state: &mut H) {
+        // How often it was raised shows in the time.
         (self.epoch, self.kind, self.again).hash(state);
         hash_marked(Mark::Count, self.version, state);
-        // More tries than these make no longer pause.
-        self.tries.min(TRIES_LONGEST).hash(state);
     }
 }
 

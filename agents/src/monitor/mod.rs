@@ -112,6 +112,12 @@ impl Qualities {
         ])
     }
 
+    /// None.
+    #[must_use]
+    pub fn none() -> Qualities {
+        Qualities(Vec::new())
+    }
+
     /// One more.
     #[must_use]
     pub fn with(mut self, quality: Box<dyn QualityOfService>) -> Qualities {

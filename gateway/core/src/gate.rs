@@ -68,7 +68,7 @@ impl Counters {
 }
 
 /// One MC at the gateway.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Gate {
     model: Arc<McModel>,
     ledger: Ledger,
@@ -89,6 +89,16 @@ pub struct Gate {
     inputs_fresh: bool,
     reads_field: bool,
     counters: Counters,
+}
+
+// The model does not change.
+impl std::hash::Hash for Gate {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        (&self.model.mc, &self.ledger, &self.head, &self.ring).hash(state);
+        (self.clean, &self.outputs, self.armed_at).hash(state);
+        (self.suspect, self.writing, &self.ages, &self.counters).hash(state);
+        (&self.inputs, self.inputs_read_at, self.inputs_fresh).hash(state);
+    }
 }
 
 impl Gate {

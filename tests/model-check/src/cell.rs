@@ -3,10 +3,12 @@
 //! Times are chosen coarse, so that few deadlines lie between two events; which of two processes' deadlines comes first is not
 //! said by them anyway, for each process has a clock of its own.
 
+use crate::action::Action;
 use crate::plc::{OUTPUTS_LEN, Plc, STATE_LEN};
 use crate::state::{Body, Facts, Faults, Pid, Process, State};
-use crate::step::{Action, World};
+use crate::step::World;
 use fam_agents::manager::ManagerAgents;
+use fam_agents::monitor::{Availability, Qualities};
 use fam_agents::node::{NodeAgents, NodeConfig};
 use fam_gateway_core::{Gateway, MemoryRecords};
 use fam_proto::diagnosis::Diagnosis;
@@ -16,7 +18,6 @@ use fam_proto::model::{
 use fam_proto::{
     BootId, CellId, ControllerId, GatewayId, LayoutHash, McId, NameError, Owner, RepoState,
 };
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Layout of the MC.
@@ -93,12 +94,13 @@ impl Default for Cell {
                 driver: FieldDriver::Image,
             }],
             settings: Settings {
-                report_us: 1_000_000,
+                // Reports come when the manager's clock would miss them.
+                report_us: 1 << 50,
                 report_lost_us: 2_500_000,
                 bids_us: 20_000,
-                // One repetition of the order and of the open lies within.
-                activation_us: 6_000,
-                release_us: 6_000,
+                // One repetition of the open lies within.
+                activation_us: 4_000,
+                release_us: 4_000,
                 // Work balance has nothing to do with one MC.
                 spread_permille: 10_000,
                 gain_permille: 10_000,
@@ -138,11 +140,13 @@ impl Cell {
         let now = fam_proto::Now(10_000_000);
         let model = &self.model;
         let body = match pid {
-            Pid::Manager => Body::Manager(ManagerAgents::new(
+            // Work balance and cycle time have nothing to decide with one MC.
+            Pid::Manager => Body::Manager(ManagerAgents::with_qualities(
                 Arc::clone(model),
                 repository.clone(),
                 boot,
                 now,
+                Qualities::none().with(Box::new(Availability::default())),
             )),
             Pid::Gateway => {
                 let stored = records.after_kill();
@@ -160,7 +164,7 @@ impl Cell {
                     real_time: Vec::new(),
                     criteria: Vec::new(),
                 };
-                Body::Node(NodeAgents::new(config, now), Plc::default(), None)
+                Body::Node(NodeAgents::new(config, now), Plc::default())
             }
         };
         Process::new(boot, body)
@@ -169,27 +173,19 @@ impl Cell {
     /// All processes started, everything delivered at once, until controller 1 or 2 has driven the MC for a while.
     #[must_use]
     pub fn settled(&self, faults: Faults) -> State {
-        let none = Faults {
-            crashes: 0,
-            restarts: 0,
-            cuts: 0,
-            repeats: 0,
-            moves: 0,
-            late: 0,
-        };
         let mut state = State {
-            processes: BTreeMap::new(),
+            processes: [None, None, None, None],
             repository: Arc::default(),
             records: Arc::default(),
             runs: 0,
             boots: 100,
             flights: Vec::new(),
-            images: BTreeMap::new(),
+            image: None,
             cut: None,
-            faults: none,
+            faults: Faults::default(),
             facts: Arc::new(Facts::default()),
-            activations: 0,
             late: [false; 2],
+            activations: 0,
         };
         let world = World {
             cell: self,
@@ -198,14 +194,16 @@ impl Cell {
         for pid in [Pid::Gateway, Pid::Node(0), Pid::Node(1), Pid::Manager] {
             state = self.take(&world, &state, Action::Start(pid));
         }
-        let begun = state.processes[&Pid::Manager].now;
+        let begun = state
+            .process(Pid::Manager)
+            .map_or(fam_proto::Now(0), |p| p.now);
         let mut quiet_from = None;
         loop {
             // What can be delivered is; then the MC scans; then the earliest deadline comes, on one clock for all.
             let ready = world.actions(&state).into_iter().find(|action| {
                 matches!(
                     action,
-                    Action::Deliver(_) | Action::Image(_) | Action::Token(..)
+                    Action::Deliver(_) | Action::Image | Action::Token(..)
                 )
             });
             if let Some(action) = ready {

@@ -1,19 +1,23 @@
 //! Explores all states in breadth, checks each step, and at the end decides liveness on the whole graph.
 
+use crate::action::Action;
 use crate::cell::Cell;
 use crate::properties::{LIVENESS, Violation};
-use crate::state::{Body, Bug, Faults, Pid, State};
-use crate::step::{Action, World};
+use crate::state::{Body, Bug, Faults, Pid, Process, State};
+use crate::step::World;
 use fam_proto::RecordState;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 
 /// How far the exploration goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
-    /// A state in which more orders to activate have been given than these is not gone on from: epochs would grow for ever.
+    /// A state in which more epochs have been ordered than these is not gone on from: clocks that race order ever new ones.
     pub activations: u8,
     /// A guard: beyond so many states the exploration ends, and says that it is not complete.
     pub states: usize,
+    /// Count the different states of each part (takes a third longer).
+    pub parts: bool,
 }
 
 /// What came of it.
@@ -27,7 +31,9 @@ pub struct Report {
     pub depth: u32,
     /// States at the bound of activations, not gone on from.
     pub at_bound: usize,
-    /// Whether everything within the bound was explored.
+    /// States that waited for their turn at once, at most.
+    pub waiting: usize,
+    /// Whether everything within the bound of activations was explored.
     pub complete: bool,
     /// States in which the MC is driven by a live owner.
     pub driven: usize,
@@ -38,6 +44,9 @@ pub struct Report {
     /// The first broken promise, with the way to it.
     pub violation: Option<(Violation, Vec<String>)>,
 }
+
+/// Processes that are kept to be shared, before those that no state has any more go.
+const LIVES_MAX: usize = 100_000;
 
 struct Seen {
     parent: u32,
@@ -57,6 +66,7 @@ pub fn explore(faults: Faults, bounds: Bounds, bug: Option<Bug>) -> Report {
         seen: Vec::new(),
         ids: BTreeMap::new(),
         parts: BTreeMap::new(),
+        lives: BTreeMap::new(),
         good: Vec::new(),
         open: Vec::new(),
         edges: Vec::new(),
@@ -66,6 +76,7 @@ pub fn explore(faults: Faults, bounds: Bounds, bug: Option<Bug>) -> Report {
             steps: 0,
             depth: 0,
             at_bound: 0,
+            waiting: 0,
             complete: true,
             driven: 0,
             parts: BTreeMap::new(),
@@ -84,6 +95,8 @@ struct Search<'a> {
     seen: Vec<Seen>,
     ids: BTreeMap<u128, u32>,
     parts: BTreeMap<&'static str, BTreeSet<u128>>,
+    /// Processes that states share.
+    lives: BTreeMap<(usize, u128), Arc<Process>>,
     /// The MC is driven by a live owner.
     good: Vec<bool>,
     /// Not gone on from.
@@ -103,8 +116,10 @@ impl Search<'_> {
         }
         let id = u32::try_from(self.seen.len()).unwrap_or(u32::MAX);
         self.ids.insert(fingerprint, id);
-        for (name, part) in state.parts() {
-            self.parts.entry(name).or_default().insert(part);
+        if bounds.parts {
+            for (name, part) in state.parts() {
+                self.parts.entry(name).or_default().insert(part);
+            }
         }
         let depth = match action {
             Some(_) => self.seen[parent as usize].depth + 1,
@@ -122,9 +137,26 @@ impl Search<'_> {
         if at_bound {
             self.report.at_bound += 1;
         } else {
+            let state = self.shared(state);
             self.queue.push_back((id, state));
+            self.report.waiting = self.report.waiting.max(self.queue.len());
         }
         id
+    }
+
+    /// The state with those of its processes that others have, too.
+    fn shared(&mut self, mut state: State) -> State {
+        if self.lives.len() >= LIVES_MAX {
+            self.lives.retain(|_, life| Arc::strong_count(life) > 1);
+        }
+        for (at, process) in state.processes.iter_mut().enumerate() {
+            if let Some(process) = process {
+                let key = (at, process.words().exact());
+                let life = self.lives.entry(key).or_insert_with(|| Arc::clone(process));
+                *process = Arc::clone(life);
+            }
+        }
+        state
     }
 
     fn run(&mut self, bounds: Bounds) {
@@ -181,10 +213,7 @@ impl Search<'_> {
     }
 
     fn is_driven(&self, state: &State) -> bool {
-        let Some(Body::Gateway(gateway)) = state.process(Pid::Gateway).map(|p| &p.body) else {
-            return false;
-        };
-        let Some(gate) = gateway.gate(&self.world.cell.mc) else {
+        let Some(gate) = state.gateway().and_then(|g| g.gate(&self.world.cell.mc)) else {
             return false;
         };
         let ledger = gate.ledger();
@@ -197,15 +226,11 @@ impl Search<'_> {
             .controllers
             .iter()
             .position(|c| *c == owner.controller);
-        let lives = node
-            .and_then(|n| state.process(Pid::Node(n)))
-            .is_some_and(|p| {
-                let runs = match &p.body {
-                    Body::Node(_, plc, _) => plc.active.as_ref().map(|a| a.epoch),
-                    _ => None,
-                };
-                p.boot == owner.boot && runs == Some(ledger.epoch)
-            });
+        let lives = node.is_some_and(|n| {
+            let runs = state.node(n).and_then(|(_, plc)| plc.active.as_ref());
+            state.boot(Pid::Node(n)) == Some(owner.boot)
+                && runs.is_some_and(|active| active.epoch == ledger.epoch)
+        });
         ledger.state == RecordState::Open && ledger.driven && lives
     }
 
@@ -213,7 +238,7 @@ impl Search<'_> {
         if before.facts.grant == after.facts.grant {
             return;
         }
-        let Some(Body::Gateway(gateway)) = before.process(Pid::Gateway).map(|p| &p.body) else {
+        let Some(gateway) = before.gateway() else {
             return;
         };
         if let Some(gate) = gateway.gate(&self.world.cell.mc) {
@@ -288,7 +313,11 @@ fn tell(state: &State, action: &Action) -> String {
         })
     };
     match action {
-        Action::Deliver(n) | Action::Repeat(n) | Action::DeliverAndCrash(n) => {
+        Action::Deliver(n)
+        | Action::Hold(n)
+        | Action::Lose(n)
+        | Action::Repeat(n)
+        | Action::DeliverAndCrash(n) => {
             format!("{action:?}{}", flight(n))
         }
         Action::Time(pid) | Action::TimeAndCrash(pid) => {

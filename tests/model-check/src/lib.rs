@@ -13,13 +13,19 @@
 //! - [`state`]: a state of the world; [`step`]: what can happen next and what comes of it.
 //! - [`properties`]: what must hold after every step.
 
+pub mod action;
 pub mod canon;
 pub mod cell;
+mod clocks;
 pub mod explore;
+mod lives;
+pub mod network;
+mod outputs;
 pub mod plc;
 pub mod properties;
+pub mod scenarios;
 pub mod state;
 pub mod step;
 
 pub use explore::{Bounds, Report, explore};
-pub use state::{Bug, Faults, State};
+pub use state::{Bug, Faults, Kind, State};

@@ -1,86 +1,34 @@
-//! The full check: `cargo run --release -p fam-model-check [-- SCENARIO [ACTIVATIONS [STATES]]]`.
+//! The full check: `cargo run --release -p fam-model-check [-- SCENARIO [HELD [ACTIVATIONS [STATES]]]]`.
 //!
 //! Fails on a broken promise. Says of each scenario whether it was explored completely or up to the bound of states.
 
-use fam_model_check::{Bounds, Faults, Report, explore};
+use fam_model_check::{Bounds, Report, explore, scenarios};
 
-const NONE: Faults = Faults {
-    crashes: 0,
-    restarts: 0,
-    cuts: 0,
-    repeats: 0,
-    moves: 0,
-    late: 0,
-};
-
-/// Name, faults, activations at most.
-const SCENARIOS: [(&str, Faults, u8); 6] = [
-    ("none", NONE, 2),
-    (
-        "crash",
-        Faults {
-            crashes: 1,
-            restarts: 1,
-            ..NONE
-        },
-        2,
-    ),
-    ("cut", Faults { cuts: 1, ..NONE }, 2),
-    (
-        "move",
-        Faults {
-            moves: 1,
-            late: 1,
-            ..NONE
-        },
-        2,
-    ),
-    (
-        "crash-cut",
-        Faults {
-            crashes: 1,
-            restarts: 1,
-            cuts: 1,
-            ..NONE
-        },
-        2,
-    ),
-    (
-        "all",
-        Faults {
-            crashes: 1,
-            restarts: 1,
-            cuts: 1,
-            repeats: 1,
-            moves: 1,
-            late: 1,
-        },
-        2,
-    ),
-];
-
-/// States of one scenario at most, unless said otherwise: about 5 GB.
-const STATES: usize = 400_000;
+/// States of one scenario at most, unless said otherwise.
+const STATES: usize = 20_000_000;
 
 fn main() -> std::process::ExitCode {
     let mut arguments = std::env::args().skip(1);
-    let scenario = arguments.next();
-    let number = |text: Option<String>| text.and_then(|t| t.parse::<usize>().ok());
-    let activations = number(arguments.next());
-    let states = number(arguments.next()).unwrap_or(STATES);
+    let wanted = arguments.next();
+    let mut number = || arguments.next().and_then(|text| text.parse().ok());
+    let (held, activations, states) = (number(), number(), number());
+    let bounds = Bounds {
+        activations: activations
+            .and_then(|a| u8::try_from(a).ok())
+            .unwrap_or(scenarios::ACTIVATIONS),
+        states: states.unwrap_or(STATES),
+        parts: true,
+    };
     let mut good = true;
-    for (name, faults, usual) in SCENARIOS {
-        if scenario.as_ref().is_some_and(|wanted| wanted != name) {
+    for (name, mut faults) in scenarios::ALL {
+        faults.held = held.unwrap_or(faults.held);
+        if wanted.as_ref().is_some_and(|wanted| wanted != name) {
             continue;
         }
-        let activations = activations
-            .and_then(|a| u8::try_from(a).ok())
-            .unwrap_or(usual);
-        let bounds = Bounds {
-            activations,
-            states,
-        };
-        println!("{name}: {faults:?}, at most {activations} activations");
+        println!(
+            "{name}: at most {} messages late at once, {} activations",
+            faults.held, bounds.activations
+        );
         let report = explore(faults, bounds, None);
         tell(&report);
         good &= report.violation.is_none();
@@ -94,11 +42,12 @@ fn main() -> std::process::ExitCode {
 
 fn tell(report: &Report) {
     println!(
-        "  {} states, {} steps, depth {}, {} at the bound, {}; driven in {}",
+        "  {} states, {} steps, depth {}, {} at the bound, {} waiting at most, {}; driven in {}",
         report.states,
         report.steps,
         report.depth,
         report.at_bound,
+        report.waiting,
         if report.complete {
             "complete"
         } else {

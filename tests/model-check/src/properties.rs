@@ -112,12 +112,10 @@ impl Facts {
         self.grant = Some(this);
         self.base = base;
         self.driven = false;
-        // Orders for epochs below can do nothing any more.
-        self.ordered.retain(|ordered, _| *ordered >= epoch);
         Ok(())
     }
 
-    /// The manager orders `to` to open an epoch, of which `durable` are reserved on disk.
+    /// The manager orders `to` to open an epoch, of which `durable` are reserved on disk. Whether for the first time.
     pub(crate) fn ordered(
         &mut self,
         epoch: Epoch,
@@ -128,17 +126,15 @@ impl Facts {
             let text = format!("epoch {epoch} is ordered, up to {durable} are on the disk");
             broken(EPOCHS, text)?;
         }
-        let known = self.ordered.get(&epoch);
-        if let Some(other) = known
-            && other.controller != to.controller
-        {
-            let text = format!("epoch {epoch} is ordered for {to} and for {other}");
-            broken(EPOCHS, text)?;
+        let mut new = true;
+        if let Some((highest, owner)) = &self.ordered {
+            new = epoch > *highest;
+            if !new && (epoch < *highest || owner.controller != to.controller) {
+                let text = format!("epoch {epoch} is ordered for {to}, {highest} was for {owner}");
+                broken(EPOCHS, text)?;
+            }
         }
-        let new = known.is_none() && self.grant.as_ref().is_none_or(|(last, _)| epoch > *last);
-        if new {
-            self.ordered.insert(epoch, to.clone());
-        }
+        self.ordered = Some((epoch, to.clone()));
         Ok(new)
     }
 }
