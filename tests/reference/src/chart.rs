@@ -1,0 +1,1 @@
+//! Sequential function charts against a direct reading of clause 6.7.
