@@ -1,8 +1,11 @@
-//! `cargo run --release -p fam-reference --example random -- FROM COUNT`: so many random projects of 20 programs each, with totals.
+//! `cargo run --release -p fam-reference --example random -- FROM COUNT`: so many random projects of 20 programs and 20 charts each, with
+//! totals.
 
-use fam_reference::{compare, session};
+use fam_reference::{chart, compare, session};
 
 const PROGRAMS: usize = 20;
+const CHARTS: usize = 20;
+const CHART_SCANS: usize = 40;
 
 fn main() -> std::process::ExitCode {
     let mut args = std::env::args()
@@ -11,10 +14,17 @@ fn main() -> std::process::ExitCode {
     let (from, count) = (args.next().unwrap_or(0), args.next().unwrap_or(100));
     let engine = compare::engine();
     let mut all = session::Tally::default();
-    let mut failures = 0;
+    let (mut failures, mut chart_scans) = (0, 0);
     for seed in from..from + count {
         match session::project(&engine, seed, PROGRAMS) {
             Ok(tally) => all.add(&tally),
+            Err(text) => {
+                failures += 1;
+                println!("{text}\n");
+            }
+        }
+        match chart::compare(&engine, seed, CHARTS, CHART_SCANS) {
+            Ok(scans) => chart_scans += scans,
             Err(text) => {
                 failures += 1;
                 println!("{text}\n");
@@ -29,13 +39,14 @@ fn main() -> std::process::ExitCode {
         }
     }
     println!(
-        "seeds {from} to {}: {} programs agreed over {} scans ({} ended in the same trap), {} skipped, {} refused by the checker, {failures} projects differ",
+        "seeds {from} to {}: {} programs agreed over {} scans ({} ended in the same trap), {} skipped, {} refused by the checker, {failures} differ; {} charts agreed over {chart_scans} scans",
         from + count - 1,
         all.programs,
         all.scans,
         all.trapped,
         all.skipped,
-        all.refused
+        all.refused,
+        chart_scans / CHART_SCANS as u64
     );
     for (feature, times) in &all.features {
         println!("  {times:>9}  {feature}");

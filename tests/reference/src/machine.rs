@@ -298,10 +298,15 @@ impl<'p> Machine<'p> {
         if !copied {
             return Ok((spot.node, None));
         }
-        let value = self.load(spot);
-        let node = self.memory.variable(place.ty, None);
-        self.memory.set(node, value);
-        Ok((node, Some(spot)))
+        Ok((self.memory.variable(place.ty, None), Some(spot)))
+    }
+
+    /// Just before the call, when all arguments have been evaluated.
+    fn copy_in(&mut self, copies: &[(NodeId, Spot)]) {
+        for (node, spot) in copies {
+            let value = self.load(*spot);
+            self.memory.set(*node, value);
+        }
     }
 
     fn bring_back(&mut self, copies: &[(NodeId, Spot)]) {
@@ -356,6 +361,7 @@ impl<'p> Machine<'p> {
             own.insert(parameter, node);
             copies.extend(back.map(|spot| (node, spot)));
         }
+        self.copy_in(&copies);
         self.run_pou(call.pou, this, own)?;
         self.bring_back(&copies);
         for (parameter, place, negated) in &call.outputs {
@@ -423,6 +429,7 @@ impl<'p> Machine<'p> {
                 Argument::Output(_) => {}
             }
         }
+        self.copy_in(&copies);
         let unit = project.pou(pou);
         for id in unit.vars.iter().chain(unit.result.as_ref()) {
             let var = project.var(*id);

@@ -146,7 +146,9 @@ fn report(
     let other = |p: &Piece| p.open.starts_with("PROGRAM P") && p.open != format!("PROGRAM {name}");
     tree.inner.retain(|piece| !other(piece));
     if let Some(calls) = tree.inner.last_mut().and_then(|m| m.inner.last_mut()) {
-        calls.inner.retain(|line| line.open.ends_with(&format!(" {name}();")));
+        calls
+            .inner
+            .retain(|line| line.open.ends_with(&format!(" {name}();")));
     }
     let small = shrink(if fails(&tree) { &tree } else { &generated.tree }, fails).render();
     let shown = compare::build(engine, &small)

@@ -280,7 +280,7 @@ impl World {
             methods,
             base,
             standard: false,
-});
+        });
         Piece::block(head, inner, "END_FUNCTION_BLOCK")
     }
 
