@@ -13,6 +13,7 @@ pub mod memory;
 mod plan;
 mod plcopen;
 pub mod project;
+#[cfg(feature = "runtime")]
 pub mod runtime;
 pub mod source;
 pub mod standalone;
@@ -30,6 +31,7 @@ pub use layout::{
     layout_of,
 };
 pub use project::{parse_expression, parse_project};
+#[cfg(feature = "runtime")]
 pub use runtime::{
     Engine, EngineOptions, Instance, Interruption, Module, RuntimeError, Trap, TrapKind, WriteError,
 };

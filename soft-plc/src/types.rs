@@ -574,7 +574,8 @@ impl TypeTable {
             TypeKind::Enum { base, values } => {
                 Value::from_i128(*base, i128::from(values.first().map_or(0, |v| v.1)))
             }
-            TypeKind::Subrange { base, lo, hi } => Value::from_i128(*base, 0.clamp(*lo, *hi)),
+            // The lower limit (clause 6.4.4.4), not 0.
+            TypeKind::Subrange { base, lo, .. } => Value::from_i128(*base, *lo),
             TypeKind::Ref(_) | TypeKind::Interface(_) => Value::zero(Elem::Ref),
             _ => return None,
         })

@@ -7,6 +7,8 @@ mod declare;
 mod expr;
 mod init;
 pub mod lint;
+mod methods;
+mod operators;
 mod place;
 mod pous;
 mod stdcalls;

@@ -288,6 +288,12 @@ impl<'p> Checker<'p> {
             let syntax = self.syntax_of(id);
             let mut body = self.edge_calls(id);
             body.extend(self.stmts(&syntax.body));
+            if body.is_empty()
+                && let Some(base) = self.pous[index].extends
+            {
+                // The statements of the base run in its place.
+                self.note_call(base);
+            }
             self.pous[index].body = body;
             self.leave();
         }

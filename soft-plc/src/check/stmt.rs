@@ -272,7 +272,7 @@ impl Checker<'_> {
                     .expected("an integer, a bit string or an enumeration"),
             );
         }
-        let mut seen: Vec<(i64, i64)> = Vec::new();
+        let mut seen: Vec<(i128, i128)> = Vec::new();
         let mut list = Vec::new();
         for (labels, body) in branches {
             let mut ranges = Vec::new();
@@ -312,7 +312,8 @@ impl Checker<'_> {
                     return None;
                 }
                 seen.push((low, high));
-                ranges.push((low, high));
+                // Unsigned 64-bit labels keep their bit pattern, as the selector does.
+                ranges.push((low as i64, high as i64));
             }
             let body = self.stmts(body);
             list.push((ranges, body));
@@ -325,15 +326,14 @@ impl Checker<'_> {
         })
     }
 
-    fn label(&mut self, expr: &ast::Expr, ty: TypeId) -> Option<i64> {
+    fn label(&mut self, expr: &ast::Expr, ty: TypeId) -> Option<i128> {
         let typed = self.expr(expr, Some(ty));
         let typed = self.coerce(typed, ty);
         if typed.ty == TypeId::ERROR {
             return None;
         }
         if let ExprKind::Const(value) = &typed.kind {
-            // Unsigned 64-bit labels keep their bit pattern, as the selector does.
-            return value.as_i128().map(|v| v as i64);
+            return value.as_i128();
         }
         self.report(
             Problem::error("E414", expr.span, "a label of CASE must be constant")

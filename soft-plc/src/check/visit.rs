@@ -130,6 +130,11 @@ pub fn visit_place(at: &Place, f: &mut dyn FnMut(&Place)) {
     });
 }
 
+/// Calls `f` with every node in the expression.
+pub fn visit_nodes(at: &Expr, f: &mut dyn FnMut(Node<'_>)) {
+    expr(at, f);
+}
+
 /// Calls `f` with every place that the expression reads.
 pub fn visit_expr(at: &Expr, f: &mut dyn FnMut(&Place)) {
     expr(at, &mut |node| {

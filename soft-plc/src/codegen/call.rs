@@ -5,24 +5,26 @@ use wasm_encoder::{Instruction as I, ValType};
 use super::SiteKind;
 use super::fun::{Fun, val};
 use super::place::{Addr, Form, Kept};
+use super::text::calls;
 use crate::check::tree::{
-    Argument, Expr, FunctionCall, Invocation, Place, PouId, Receiver, Root, VarId,
+    Argument, Expr, ExprKind, FunctionCall, Invocation, Place, PouId, Receiver, Root, VarId,
 };
 use crate::syntax::ast::VarSection;
 use crate::types::{Elem, TypeId};
 
-/// A scalar passed by reference that has no ordinary cell: it goes through a cell in scratch memory and back after the call.
+/// A scalar passed by reference that has no ordinary cell: when the call begins it goes to a cell in scratch memory, and back
+/// when it has ended.
 struct WayBack {
     cell: u32,
     elem: Elem,
     target: Target,
+    /// Lowest bit and number of bits of a larger value, and its type.
+    bits: Option<(Elem, (u8, u8))>,
 }
 
 enum Target {
     Local(u32),
     Memory(Kept),
-    /// A bit of a larger value: stored through the place.
-    Place(Place),
 }
 
 impl Fun<'_, '_> {
@@ -34,21 +36,32 @@ impl Fun<'_, '_> {
         if let Some(receiver) = &call.receiver {
             self.push_receiver(receiver);
         }
-        for (parameter, argument) in parameters.iter().zip(&call.args) {
+        for (number, (parameter, argument)) in parameters.iter().zip(&call.args).enumerate() {
+            let later: Vec<&Expr> = call.args[number + 1..]
+                .iter()
+                .filter_map(|a| match a {
+                    Argument::Input(expr) => Some(expr),
+                    _ => None,
+                })
+                .collect();
             match argument {
                 Argument::Input(expr)
                     if project.types.text(project.var(*parameter).ty).is_some() =>
                 {
-                    self.text(expr);
+                    self.text_before(expr, &later);
                 }
                 Argument::Input(expr) if project.types.is_aggregate(project.var(*parameter).ty) => {
                     self.aggregate(expr);
+                    if matches!(expr.kind, ExprKind::Load(_)) && later.iter().any(|e| calls(e)) {
+                        self.keep_aggregate(expr.ty);
+                    }
                 }
                 Argument::Input(expr) => self.expr(expr),
-                Argument::InOut(place) => back.extend(self.pass(place)),
+                Argument::InOut(place) => self.pass(place, &mut back),
                 Argument::Output(_) => {}
             }
         }
+        self.copy_in(&back);
         let number = match &call.receiver {
             Some(receiver) => self
                 .m
@@ -142,44 +155,74 @@ impl Fun<'_, '_> {
             .collect()
     }
 
+    /// Replaces the address of an array or structure on the stack by that of a copy.
+    fn keep_aggregate(&mut self, ty: TypeId) {
+        let size = self.m.size_of(ty);
+        let own = self.m.allocate(u64::from(size));
+        let from = self.temp(ValType::I32);
+        self.i(I::LocalSet(from));
+        self.i(I::I32Const(own as i32));
+        self.i(I::LocalGet(from));
+        self.copy(size);
+        self.i(I::I32Const(own as i32));
+        self.release(from);
+    }
+
     /// Pushes the address under which the callee finds the variable.
-    fn pass(&mut self, place: &Place) -> Option<WayBack> {
+    fn pass(&mut self, place: &Place, back: &mut Vec<WayBack>) {
         let project = self.m.project;
         if project.types.is_aggregate(place.ty) {
             self.push_full_address(place);
             if project.types.text(place.ty).is_some() {
                 self.push_capacity(place);
             }
-            return None;
+            return;
         }
-        let elem = self.elem(place.ty);
-        let is_bit = matches!(
-            place.steps.last().map(|s| &s.kind),
-            Some(crate::check::tree::StepKind::Bit(_) | crate::check::tree::StepKind::Part(..))
-        );
-        let target = if is_bit {
-            Target::Place(place.clone())
-        } else if let Some(local) = self.local_of(place) {
+        let bits = Self::bits_of(place).map(|bits| (self.whole_elem(place), bits));
+        let target = if let Some(local) = self.local_of(place) {
             Target::Local(local)
-        } else if self.is_ordinary(place) {
+        } else if bits.is_none() && self.is_ordinary(place) {
             self.push_full_address(place);
-            return None;
+            return;
         } else {
             Target::Memory(self.keep_address(place))
         };
-        let cell = self.m.allocate(8);
-        self.i(I::I32Const(0));
-        match &target {
-            Target::Local(local) => self.i(I::LocalGet(*local)),
-            Target::Memory(kept) => {
-                self.push_kept(kept);
-                self.load_from(elem, kept.addr);
-            }
-            Target::Place(place) => self.load(place),
+        // The same local by two names is one variable.
+        let known = back.iter().find(|b| match (&b.target, &target) {
+            (Target::Local(a), Target::Local(b2)) => a == b2 && b.bits.is_none() && bits.is_none(),
+            _ => false,
+        });
+        if let Some(known) = known {
+            self.i(I::I32Const(known.cell as i32));
+            return;
         }
-        self.store_to(elem, cell_at(cell));
+        let cell = self.m.allocate(8);
         self.i(I::I32Const(cell as i32));
-        Some(WayBack { cell, elem, target })
+        back.push(WayBack {
+            cell,
+            elem: self.elem(place.ty),
+            target,
+            bits,
+        });
+    }
+
+    /// Just before the call, when all arguments have been evaluated.
+    fn copy_in(&mut self, list: &[WayBack]) {
+        for way in list {
+            let whole = way.bits.map_or(way.elem, |b| b.0);
+            self.i(I::I32Const(0));
+            match &way.target {
+                Target::Local(local) => self.i(I::LocalGet(*local)),
+                Target::Memory(kept) => {
+                    self.push_kept(kept);
+                    self.load_from(whole, kept.addr);
+                }
+            }
+            if let Some((_, (low, count))) = way.bits {
+                self.pick_bits(whole, low, count);
+            }
+            self.store_to(way.elem, cell_at(way.cell));
+        }
     }
 
     /// Whether the scalar lies in an ordinary cell.
@@ -201,24 +244,30 @@ impl Fun<'_, '_> {
 
     fn bring_back(&mut self, list: Vec<WayBack>) {
         for back in list {
-            let from = cell_at(back.cell);
-            match back.target {
-                Target::Local(local) => {
-                    self.i(I::I32Const(0));
-                    self.load_from(back.elem, from);
-                    self.i(I::LocalSet(local));
+            let value = |f: &mut Self| {
+                f.i(I::I32Const(0));
+                f.load_from(back.elem, cell_at(back.cell));
+            };
+            match (&back.target, back.bits) {
+                (Target::Local(local), None) => {
+                    value(self);
+                    self.i(I::LocalSet(*local));
                 }
-                Target::Memory(kept) => {
-                    self.push_kept(&kept);
-                    self.i(I::I32Const(0));
-                    self.load_from(back.elem, from);
+                (Target::Local(local), Some((whole, bits))) => {
+                    self.merge_bits(whole, bits, |f| f.i(I::LocalGet(*local)), value);
+                    self.i(I::LocalSet(*local));
+                }
+                (Target::Memory(kept), None) => {
+                    self.push_kept(kept);
+                    value(self);
                     self.store_to(back.elem, kept.addr);
-                    self.release_kept(&kept);
                 }
-                Target::Place(place) => self.store(&place, |f| {
-                    f.i(I::I32Const(0));
-                    f.load_from(back.elem, from);
-                }),
+                (Target::Memory(kept), Some((whole, bits))) => {
+                    self.store_bits(whole, bits, kept, value);
+                }
+            }
+            if let Target::Memory(kept) = &back.target {
+                self.release_kept(kept);
             }
         }
     }
@@ -257,8 +306,9 @@ impl Fun<'_, '_> {
         }
         let mut back = Vec::new();
         for place in &call.in_outs {
-            back.extend(self.pass(place));
+            self.pass(place, &mut back);
         }
+        self.copy_in(&back);
         let number = self.m.numbers[&call.pou];
         self.i(I::Call(number));
         self.bring_back(back);

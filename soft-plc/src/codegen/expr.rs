@@ -90,11 +90,11 @@ impl Fun<'_, '_> {
         match elem {
             Elem::Sint => self.i(I::I32Extend8S),
             Elem::Int => self.i(I::I32Extend16S),
-            Elem::Usint | Elem::Byte => {
+            Elem::Usint | Elem::Byte | Elem::Char => {
                 self.i(I::I32Const(0xff));
                 self.i(I::I32And);
             }
-            Elem::Uint | Elem::Word => {
+            Elem::Uint | Elem::Word | Elem::Wchar => {
                 self.i(I::I32Const(0xffff));
                 self.i(I::I32And);
             }
@@ -270,7 +270,7 @@ impl Fun<'_, '_> {
     }
 
     /// Traps unless the value on the stack, of type `elem`, lies within the limits.
-    fn check(&mut self, elem: Elem, limits: &Limits, expr: &Expr) {
+    pub fn check(&mut self, elem: Elem, limits: &Limits, expr: &Expr) {
         let ty = val(elem);
         let local = self.temp(ty);
         self.i(I::LocalSet(local));

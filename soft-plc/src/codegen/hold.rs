@@ -63,7 +63,8 @@ impl State<'_> {
         let project = self.project;
         self.touched.entry(pou).or_insert_with(|| {
             let mut touched = Touched::default();
-            let body = &project.pou(pou).body;
+            // A derived function block without statements runs those of its base.
+            let body = project.body(pou);
             visit(body, &mut |node| match node {
                 Node::Place(place) => touched.add(place),
                 Node::Stmt(stmt) => {

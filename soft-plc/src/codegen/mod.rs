@@ -84,6 +84,8 @@ pub enum SiteKind {
     /// The type that the text shows no value of.
     Text(String),
     NullReference,
+    /// A character that the string does not have.
+    Character,
 }
 
 /// Lines of the code: for traps that have no site, such as an endless loop.

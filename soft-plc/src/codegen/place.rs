@@ -54,7 +54,7 @@ impl Fun<'_, '_> {
     }
 
     /// The lowest bit and the number of bits that are meant of a larger value.
-    fn bits_of(place: &Place) -> Option<(u8, u8)> {
+    pub fn bits_of(place: &Place) -> Option<(u8, u8)> {
         let mut bits = None;
         for step in place.steps.iter().rev() {
             match step.kind {
@@ -248,18 +248,33 @@ impl Fun<'_, '_> {
                 StepKind::Char(index) => {
                     let wide = step.ty == crate::types::TypeId::of(Elem::Wchar);
                     let width: u32 = if wide { 2 } else { 1 };
-                    addr.offset += super::text::TEXT_HEADER;
-                    let len = project.types.text(ty).map_or(1, |t| i64::from(t.1));
-                    if let ExprKind::Const(value) = &index.kind {
-                        addr.offset += (value.as_i128().unwrap_or(1) as u32 - 1) * width;
-                    } else {
-                        self.index(index, (1, len), width);
-                        if dynamic {
-                            self.i(I::I32Add);
-                        }
-                        dynamic = true;
-                    }
-                    addr.form = if wide { Form::Image } else { Form::Packed };
+                    // The character must be one that the string has now.
+                    self.finish_address(dynamic, addr.offset);
+                    let base = self.temp(ValType::I32);
+                    self.i(I::LocalSet(base));
+                    self.expr(index);
+                    let number = self.temp(ValType::I64);
+                    self.i(I::LocalTee(number));
+                    self.i(I::I64Const(1));
+                    self.i(I::I64Sub);
+                    self.i(I::LocalGet(base));
+                    self.i(I::I32Load(mem(0, 2)));
+                    self.i(I::I64ExtendI32U);
+                    self.i(I::I64GeU);
+                    let detail = Some((number, Elem::Lint));
+                    self.trap_if(SiteKind::Character, index.span, detail);
+                    self.i(I::LocalGet(base));
+                    self.i(I::LocalGet(number));
+                    self.i(I::I32WrapI64);
+                    self.scale(width);
+                    self.i(I::I32Add);
+                    self.release(number);
+                    self.release(base);
+                    dynamic = true;
+                    addr = Addr {
+                        offset: super::text::TEXT_HEADER - width,
+                        form: if wide { Form::Image } else { Form::Packed },
+                    };
                 }
             }
             ty = step.ty;
@@ -350,7 +365,7 @@ impl Fun<'_, '_> {
     }
 
     /// The elementary type of the place, or of what its bit is picked from.
-    fn whole_elem(&self, place: &Place) -> Elem {
+    pub fn whole_elem(&self, place: &Place) -> Elem {
         let project = self.m.project;
         let mut ty = match (&place.root, place.steps.last()) {
             (Root::Var(id), _) => project.var(*id).ty,
@@ -373,7 +388,7 @@ impl Fun<'_, '_> {
         self.elem(ty)
     }
 
-    fn pick_bits(&mut self, elem: Elem, low: u8, count: u8) {
+    pub fn pick_bits(&mut self, elem: Elem, low: u8, count: u8) {
         if val(elem) == ValType::I64 {
             self.i(I::I64Const(i64::from(low)));
             self.i(I::I64ShrU);
@@ -486,20 +501,31 @@ impl Fun<'_, '_> {
             }
             None => {
                 let kept = self.keep_address(place);
-                self.push_kept(&kept);
-                let load = |f: &mut Self| {
-                    f.push_kept(&kept);
-                    f.load_from(elem, kept.addr);
-                };
-                self.merge_bits(elem, (low, count), load, value);
-                self.store_to(elem, kept.addr);
+                self.store_bits(elem, (low, count), &kept, value);
                 self.release_kept(&kept);
             }
         }
     }
 
+    /// Stores some bits of the cell at a kept address.
+    pub fn store_bits(
+        &mut self,
+        elem: Elem,
+        bits: (u8, u8),
+        kept: &Kept,
+        value: impl FnOnce(&mut Self),
+    ) {
+        self.push_kept(kept);
+        let load = |f: &mut Self| {
+            f.push_kept(kept);
+            f.load_from(elem, kept.addr);
+        };
+        self.merge_bits(elem, bits, load, value);
+        self.store_to(elem, kept.addr);
+    }
+
     /// Pushes the old value with some bits replaced.
-    fn merge_bits(
+    pub fn merge_bits(
         &mut self,
         elem: Elem,
         (low, count): (u8, u8),

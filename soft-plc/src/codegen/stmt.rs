@@ -6,7 +6,7 @@ use wasm_encoder::{BlockType, Instruction as I, ValType};
 
 use super::expr::simple;
 use super::fun::{Fun, val};
-use crate::check::tree::{Branch, Expr, ExprKind, For, Place, Stmt, StmtKind};
+use crate::check::tree::{Branch, Expr, ExprKind, For, Limits, Place, Stmt, StmtKind};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::BinOp;
@@ -312,6 +312,7 @@ impl Fun<'_, '_> {
         };
         either(self, &push_past);
         self.i(I::BrIf(self.label(exit)));
+        self.check_counter(data);
         let next = self.open(I::Block(BlockType::Empty));
         self.labels.push((exit, next));
         // The steps lie between the first value and the last, whichever way the loop goes.
@@ -352,6 +353,22 @@ impl Fun<'_, '_> {
         for local in [end, step].into_iter().flatten() {
             self.release(local);
         }
+    }
+
+    /// A FOR variable of a subrange keeps to it while the body runs; behind the loop it stands one step further.
+    fn check_counter(&mut self, data: &For) {
+        let TypeKind::Subrange { lo, hi, .. } = *self.m.project.types.kind(data.var.ty) else {
+            return;
+        };
+        let elem = self.elem(data.var.ty);
+        let value = Expr {
+            kind: ExprKind::Load(Box::new(data.var.clone())),
+            ty: data.var.ty,
+            span: data.var.span,
+        };
+        self.expr(&value);
+        self.check(elem, &Limits::Range(lo, hi), &value);
+        self.i(I::Drop);
     }
 
     fn normalise_integer(&mut self, elem: Elem) {

@@ -8,6 +8,7 @@ use super::fun::{Fun, Slot, mem, val};
 use super::helper;
 use crate::check::stdfun::StdFun;
 use crate::check::tree::{Expr, ExprKind, FunctionCall, Place, Root};
+use crate::check::visit::{Node, visit_nodes};
 use crate::source::Span;
 use crate::types::Elem;
 
@@ -70,6 +71,36 @@ impl Fun<'_, '_> {
         let ptr = self.temp(ValType::I32);
         self.i(I::LocalSet(ptr));
         View { ptr, len }
+    }
+
+    /// A view that stays as it is while `later` is evaluated: what a variable holds is copied if a call could change it.
+    fn view_before(&mut self, expr: &Expr, later: &[Expr]) -> View {
+        let view = self.view(expr);
+        if !reads_variable(expr) || !later.iter().any(calls) {
+            return view;
+        }
+        self.join(&[view], self.is_wide(expr), expr);
+        self.keep_view()
+    }
+
+    /// Views of all, each as it was when it was evaluated; `behind` is evaluated after them.
+    fn views(&mut self, args: &[Expr], behind: &[Expr]) -> Vec<View> {
+        let mut list = Vec::new();
+        for (index, arg) in args.iter().enumerate() {
+            let later = [&args[index + 1..], behind].concat();
+            list.push(self.view_before(arg, &later));
+        }
+        list
+    }
+
+    /// Pushes a string that stays as it is while `later` is evaluated.
+    pub fn text_before(&mut self, expr: &Expr, later: &[&Expr]) {
+        if reads_variable(expr) && later.iter().any(|e| calls(e)) {
+            let view = self.view(expr);
+            self.join(&[view], self.is_wide(expr), expr);
+        } else {
+            self.text(expr);
+        }
     }
 
     fn push_view(&mut self, view: View) {
@@ -136,13 +167,13 @@ impl Fun<'_, '_> {
         let wide = self.is_wide(expr);
         match fun {
             StdFun::Left => {
-                let of = self.view(&args[0]);
+                let of = self.view_before(&args[0], &args[1..]);
                 self.i(I::LocalGet(of.ptr));
                 self.clamp(&args[1], 0, of.len);
                 self.drop_view(of);
             }
             StdFun::Right => {
-                let of = self.view(&args[0]);
+                let of = self.view_before(&args[0], &args[1..]);
                 self.clamp(&args[1], 0, of.len);
                 let count = self.temp(ValType::I32);
                 self.i(I::LocalSet(count));
@@ -157,7 +188,7 @@ impl Fun<'_, '_> {
                 self.drop_view(of);
             }
             StdFun::Mid => {
-                let of = self.view(&args[0]);
+                let of = self.view_before(&args[0], &args[1..]);
                 let (start, count) = self.part(of, &args[1], &args[2]);
                 self.i(I::LocalGet(of.ptr));
                 self.i(I::LocalGet(start));
@@ -169,11 +200,12 @@ impl Fun<'_, '_> {
                 self.drop_view(of);
             }
             StdFun::Concat => {
-                let pieces: Vec<View> = args.iter().map(|a| self.view(a)).collect();
+                let pieces = self.views(args, &[]);
                 self.join(&pieces, wide, expr);
             }
             StdFun::Insert => {
-                let (of, with) = (self.view(&args[0]), self.view(&args[1]));
+                let of = self.view_before(&args[0], &args[1..]);
+                let with = self.view_before(&args[1], &args[2..]);
                 self.clamp(&args[2], 0, of.len);
                 let start = self.temp(ValType::I32);
                 self.i(I::LocalSet(start));
@@ -183,20 +215,22 @@ impl Fun<'_, '_> {
                 self.drop_view(of);
             }
             StdFun::Delete => {
-                let of = self.view(&args[0]);
+                let of = self.view_before(&args[0], &args[1..]);
                 let (head, tail) = self.cut(of, &args[1], &args[2], wide);
                 self.join(&[head, tail], wide, expr);
                 self.drop_view(of);
             }
             StdFun::Replace => {
-                let (of, with) = (self.view(&args[0]), self.view(&args[1]));
+                let of = self.view_before(&args[0], &args[1..]);
+                let with = self.view_before(&args[1], &args[2..]);
                 let (head, tail) = self.cut(of, &args[2], &args[3], wide);
                 self.join(&[head, with, tail], wide, expr);
                 self.drop_view(of);
             }
             StdFun::Sel => {
                 let selector = self.spill(&args[0]);
-                let (first, second) = (self.view(&args[1]), self.view(&args[2]));
+                let first = self.view_before(&args[1], &args[2..]);
+                let second = self.view(&args[2]);
                 for (a, b) in [(second.ptr, first.ptr), (second.len, first.len)] {
                     self.i(I::LocalGet(a));
                     self.i(I::LocalGet(b));
@@ -209,46 +243,50 @@ impl Fun<'_, '_> {
             }
             StdFun::Mux => self.mux_text(args, expr.span),
             StdFun::Max | StdFun::Min => {
-                let mut best = self.view(&args[0]);
-                for next in &args[1..] {
-                    let other = self.view(next);
-                    let keep = self.temp(ValType::I32);
-                    self.push_view(best);
-                    self.push_view(other);
-                    self.i(I::Call(helper::compare(wide)));
-                    self.i(I::I32Const(0));
-                    self.i(if fun == StdFun::Max {
-                        I::I32GeS
-                    } else {
-                        I::I32LeS
-                    });
-                    self.i(I::LocalSet(keep));
-                    for (a, b) in [(best.ptr, other.ptr), (best.len, other.len)] {
-                        self.i(I::LocalGet(a));
-                        self.i(I::LocalGet(b));
-                        self.i(I::LocalGet(keep));
-                        self.i(I::Select);
-                    }
-                    self.release(keep);
-                    self.drop_view(other);
-                    self.drop_view(best);
-                    best = self.keep_view();
+                let mut views = self.views(args, &[]).into_iter();
+                let Some(mut best) = views.next() else {
+                    return;
+                };
+                for other in views {
+                    best = self.better(best, other, fun == StdFun::Max, wide);
                 }
                 self.push_view(best);
                 self.drop_view(best);
             }
             StdFun::Limit => {
-                // MIN(MAX(low, value), high)
-                let low = Expr {
-                    kind: ExprKind::Std(StdFun::Max, args[..2].to_vec()),
-                    ty: expr.ty,
-                    span: expr.span,
+                // MIN(MAX(MN, IN), MX)
+                let views = self.views(args, &[]);
+                let [low, value, high] = views.as_slice() else {
+                    return;
                 };
-                let both = vec![low, args[2].clone()];
-                self.text_standard(StdFun::Min, &both, expr);
+                let least = self.better(*low, *value, true, wide);
+                let both = self.better(least, *high, false, wide);
+                self.push_view(both);
+                self.drop_view(both);
             }
             _ => self.value_text(&args[0], wide),
         }
+    }
+
+    /// The larger or smaller of two; their locals are given back.
+    fn better(&mut self, best: View, other: View, larger: bool, wide: bool) -> View {
+        let keep = self.temp(ValType::I32);
+        self.push_view(best);
+        self.push_view(other);
+        self.i(I::Call(helper::compare(wide)));
+        self.i(I::I32Const(0));
+        self.i(if larger { I::I32GeS } else { I::I32LeS });
+        self.i(I::LocalSet(keep));
+        for (a, b) in [(best.ptr, other.ptr), (best.len, other.len)] {
+            self.i(I::LocalGet(a));
+            self.i(I::LocalGet(b));
+            self.i(I::LocalGet(keep));
+            self.i(I::Select);
+        }
+        self.release(keep);
+        self.drop_view(other);
+        self.drop_view(best);
+        self.keep_view()
     }
 
     fn mux_text(&mut self, args: &[Expr], span: Span) {
@@ -262,7 +300,7 @@ impl Fun<'_, '_> {
             span,
             Some((selector, Elem::Lint)),
         );
-        let views: Vec<View> = args[1..].iter().map(|a| self.view(a)).collect();
+        let views = self.views(&args[1..], &[]);
         let part = |v: &View, ptr: bool| if ptr { v.ptr } else { v.len };
         for ptr in [true, false] {
             self.i(I::LocalGet(part(&views[0], ptr)));
@@ -288,26 +326,30 @@ impl Fun<'_, '_> {
         }
     }
 
-    /// Pushes `count - less`, brought into 0..limit.
-    fn clamp(&mut self, count: &Expr, less: i64, limit: u32) {
+    /// Pushes `count - less`, brought into 0..limit. Nothing is subtracted before it is, so that nothing wraps.
+    fn clamp(&mut self, count: &Expr, less: i32, limit: u32) {
         self.expr(count);
-        if less != 0 {
-            self.i(I::I64Const(less));
-            self.i(I::I64Sub);
-        }
         let value = self.temp(ValType::I64);
         self.i(I::LocalSet(value));
         self.i(I::I32Const(0));
         self.i(I::LocalGet(limit));
         self.i(I::LocalGet(value));
         self.i(I::I32WrapI64);
+        if less != 0 {
+            self.i(I::I32Const(less));
+            self.i(I::I32Sub);
+        }
         self.i(I::LocalGet(value));
         self.i(I::LocalGet(limit));
         self.i(I::I64ExtendI32U);
+        if less != 0 {
+            self.i(I::I64Const(i64::from(less)));
+            self.i(I::I64Add);
+        }
         self.i(I::I64GtS);
         self.i(I::Select);
         self.i(I::LocalGet(value));
-        self.i(I::I64Const(0));
+        self.i(I::I64Const(i64::from(less)));
         self.i(I::I64LtS);
         self.i(I::Select);
         self.release(value);
@@ -412,7 +454,8 @@ impl Fun<'_, '_> {
                 self.drop_view(of);
             }
             StdFun::Find | StdFun::Compare => {
-                let (a, b) = (self.view(&args[0]), self.view(&args[1]));
+                let a = self.view_before(&args[0], &args[1..]);
+                let b = self.view(&args[1]);
                 self.push_view(a);
                 self.push_view(b);
                 self.i(I::Call(if fun == StdFun::Find {
@@ -515,4 +558,25 @@ impl Fun<'_, '_> {
         self.release(failed);
         self.release(bits);
     }
+}
+
+/// Whether the string is, or is a part of, what a variable holds.
+fn reads_variable(expr: &Expr) -> bool {
+    match &expr.kind {
+        ExprKind::Load(_) => true,
+        ExprKind::Std(fun, args) => {
+            !matches!(
+                fun,
+                StdFun::Concat | StdFun::Insert | StdFun::Delete | StdFun::Replace | StdFun::ToText
+            ) && args.iter().any(reads_variable)
+        }
+        _ => false,
+    }
+}
+
+/// Whether evaluating it runs a function of the project, which may write variables.
+pub fn calls(expr: &Expr) -> bool {
+    let mut found = false;
+    visit_nodes(expr, &mut |node| found |= matches!(node, Node::Call(_)));
+    found
 }

@@ -101,6 +101,10 @@ fn describe(kind: &SiteKind, detail: i64) -> (TrapKind, String) {
             TrapKind::Index,
             format!("MUX has {count} inputs and none with number {detail}"),
         ),
+        SiteKind::Character => (
+            TrapKind::Index,
+            format!("the string has no character {detail}"),
+        ),
         SiteKind::NullReference => (TrapKind::NullReference, "the reference is NULL".to_owned()),
         SiteKind::Text(to) => (
             TrapKind::Conversion,

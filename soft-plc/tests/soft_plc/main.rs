@@ -1,5 +1,6 @@
 //! Tests of the soft-PLC from text to running program. One binary, so that the engine is linked once.
 
+mod cases;
 mod charts;
 mod checkpoint;
 mod common;
@@ -17,5 +18,6 @@ mod regions;
 mod runtime;
 mod semantics;
 mod standalone;
+mod state_survives;
 mod third_edition;
 mod traps;
