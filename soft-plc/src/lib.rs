@@ -7,14 +7,17 @@ pub mod calendar;
 pub mod check;
 pub mod codegen;
 pub mod diag;
+#[cfg(feature = "runtime")]
 mod diagnose;
 pub mod layout;
 pub mod memory;
 mod plan;
 mod plcopen;
 pub mod project;
+#[cfg(feature = "runtime")]
 pub mod runtime;
 pub mod source;
+#[cfg(feature = "runtime")]
 pub mod standalone;
 pub mod syntax;
 pub mod types;
@@ -24,12 +27,15 @@ pub use check::tree::TypedProject;
 pub use check::{CheckOptions, Dialect, check, check_expression, evaluate};
 pub use codegen::{CompiledMc, compile};
 pub use diag::{Diagnostic, Severity};
+#[cfg(feature = "runtime")]
 pub use diagnose::diagnose;
 pub use layout::{
     Area, CompileSpec, FieldNode, Layout, Region, RegionSpec, TypeNode, VariableInfo, WORK_REGION,
     layout_of,
 };
+pub use plcopen::WHOLE_TEXT_NAMESPACE;
 pub use project::{parse_expression, parse_project};
+#[cfg(feature = "runtime")]
 pub use runtime::{
     Engine, EngineOptions, Instance, Interruption, Module, RuntimeError, Trap, TrapKind, WriteError,
 };
