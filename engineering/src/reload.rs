@@ -2,12 +2,17 @@
 //!
 //! State is carried over by name and type: a variable of the new version takes its bytes from the variable of the same path
 //! and the same type in the old one; what is new, or of another type, starts from its initial value; what is gone is left
-//! behind. All of that is listed, so that a person can confirm it before anything happens.
+//! behind; references start from their initial values, as addresses of the old version mean nothing in the new one. All of
+//! that is listed, so that a person can confirm it before anything happens.
+//!
+//! Whoever reloads a running cell: [`compare`] tells what to show and what to ask; for each [`McChange::Changed`], stop the MC at a
+//! state that [`carry_over`] takes (not critical, no recovery under way), and start the new version from what it gives.
 
 use crate::build::{BuiltCell, BuiltMc};
 use fam_proto::McId;
 use fam_proto::model::McModel;
-use fam_soft_plc::layout::{Area, TypeNode, VariableInfo};
+use fam_soft_plc::Elem;
+use fam_soft_plc::layout::{Area, FieldNode, TypeNode, VariableInfo};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -22,6 +27,8 @@ pub struct StateChange {
     pub gone: Vec<String>,
     /// Variables of another type: path, old and new type.
     pub retyped: Vec<(String, String, String)>,
+    /// References, in variables that both versions have: an address of the old version means nothing in the new one.
+    pub references: Vec<String>,
     /// Whether the layout is the same to the byte.
     pub same_layout: bool,
 }
@@ -30,7 +37,10 @@ impl StateChange {
     /// Whether no value is lost and none is new.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.new.is_empty() && self.gone.is_empty() && self.retyped.is_empty()
+        self.new.is_empty()
+            && self.gone.is_empty()
+            && self.retyped.is_empty()
+            && self.references.is_empty()
     }
 }
 
@@ -204,12 +214,73 @@ fn state_of(mc: &BuiltMc) -> impl Iterator<Item = &VariableInfo> {
     layout
         .variables
         .iter()
-        .filter(move |v| Some(v.area) == state)
+        .filter(move |v| Some(v.area) == state && !v.path.ends_with(TAG_END))
 }
+
+/// Hidden variable of instances of related function blocks.
+const TAG: &str = "__TYPE";
+pub(crate) const TAG_END: &str = ".__TYPE";
 
 /// IEC names ignore case; the MC's own name stands in front of what its program declares.
 fn key(variable: &VariableInfo) -> String {
     variable.path.to_ascii_uppercase()
+}
+
+/// What the compiler keeps in an instance of a function block to tell which one it is of: the new version's own stays.
+fn is_tag(field: &FieldNode) -> bool {
+    field.name == TAG
+}
+
+/// Whether a value is, or has in it, an address.
+fn holds_address(ty: &TypeNode) -> bool {
+    match ty {
+        TypeNode::Array { elem, .. } => holds_address(elem),
+        TypeNode::Struct { fields, .. } => fields.iter().any(|f| holds_address(&f.ty)),
+        _ => ty.elem() == Some(Elem::Ref),
+    }
+}
+
+/// Brings a value over to a type that means the same ([`same_type`]). Addresses and tags stay as they are in `to`; addresses go along
+/// if the layout is the same.
+fn carry(from: &TypeNode, to: &TypeNode, bytes: &[u8], target: &mut [u8], same_layout: bool) {
+    match (from, to) {
+        (
+            TypeNode::Array {
+                dims, elem, stride, ..
+            },
+            TypeNode::Array {
+                elem: to_elem,
+                stride: to_stride,
+                ..
+            },
+        ) => {
+            let count = dims.iter().map(|(lo, hi)| hi - lo + 1).product::<i64>();
+            let sources = bytes.chunks(*stride as usize);
+            let targets = target.chunks_mut(*to_stride as usize);
+            for (source, target) in sources
+                .zip(targets)
+                .take(usize::try_from(count).unwrap_or(0))
+            {
+                carry(elem, to_elem, source, target, same_layout);
+            }
+        }
+        (TypeNode::Struct { fields, .. }, TypeNode::Struct { fields: others, .. }) => {
+            for (a, b) in fields.iter().zip(others).filter(|(a, _)| !is_tag(a)) {
+                let part = |f: &FieldNode| f.offset as usize..(f.offset + f.len) as usize;
+                if let (Some(source), Some(target)) = (bytes.get(part(a)), target.get_mut(part(b)))
+                {
+                    carry(&a.ty, &b.ty, source, target, same_layout);
+                }
+            }
+        }
+        _ if holds_address(from) && !same_layout => {}
+        _ => {
+            // A longer string has room for all of the shorter one's, and zeros behind it.
+            let len = bytes.len().min(target.len());
+            target.fill(0);
+            target[..len].copy_from_slice(&bytes[..len]);
+        }
+    }
 }
 
 /// Whether the bytes of one mean the same in the other.
@@ -241,21 +312,26 @@ fn same_type(a: &TypeNode, b: &TypeNode) -> bool {
             },
         ) => base == b && l <= lo && hi <= h,
         (
-            TypeNode::Array { dims, stride, elem },
+            TypeNode::Text { wide, len },
+            TypeNode::Text {
+                wide: other_wide,
+                len: other_len,
+            },
+        ) => wide == other_wide && len <= other_len,
+        (
+            TypeNode::Array { dims, elem, .. },
             TypeNode::Array {
                 dims: other_dims,
-                stride: other_stride,
                 elem: other_elem,
+                ..
             },
-        ) => dims == other_dims && stride == other_stride && same_type(elem, other_elem),
+        ) => dims == other_dims && same_type(elem, other_elem),
         (TypeNode::Struct { fields, .. }, TypeNode::Struct { fields: others, .. }) => {
             fields.len() == others.len()
-                && fields.iter().zip(others).all(|(a, b)| {
-                    a.name.eq_ignore_ascii_case(&b.name)
-                        && a.offset == b.offset
-                        && a.len == b.len
-                        && same_type(&a.ty, &b.ty)
-                })
+                && fields
+                    .iter()
+                    .zip(others)
+                    .all(|(a, b)| a.name.eq_ignore_ascii_case(&b.name) && same_type(&a.ty, &b.ty))
         }
         _ => false,
     }
@@ -274,8 +350,12 @@ pub fn state_change(old: &BuiltMc, new: &BuiltMc) -> StateChange {
         let key = key(variable);
         match before.get(&key) {
             None => change.new.push(variable.path.clone()),
-            Some(old) if same_type(&old.ty, &variable.ty) && old.len == variable.len => {
-                change.kept += 1
+            Some(old) if same_type(&old.ty, &variable.ty) => {
+                if holds_address(&variable.ty) && !change.same_layout {
+                    change.references.push(variable.path.clone());
+                } else {
+                    change.kept += 1;
+                }
             }
             Some(old) => change.retyped.push((
                 variable.path.clone(),
@@ -335,22 +415,22 @@ pub fn carry_over(old: &BuiltMc, new: &BuiltMc, checkpoint: &[u8]) -> Result<Vec
         return Err(CarryError::Recovering(action));
     }
     let before: BTreeMap<String, &VariableInfo> = state_of(old).map(|v| (key(v), v)).collect();
+    let same_layout = old.compiled.layout.hash() == new.compiled.layout.hash();
     let mut carried = new.initial_checkpoint.clone();
     for variable in state_of(new) {
         let Some(source) = before.get(&key(variable)) else {
             continue;
         };
-        if source.len != variable.len || !same_type(&source.ty, &variable.ty) {
+        if !same_type(&source.ty, &variable.ty) {
             continue;
         }
         let from = (old.control.state.start + source.offset) as usize;
         let to = (new.control.state.start + variable.offset) as usize;
-        let len = variable.len as usize;
         if let (Some(bytes), Some(target)) = (
-            checkpoint.get(from..from + len),
-            carried.get_mut(to..to + len),
+            checkpoint.get(from..from + source.len as usize),
+            carried.get_mut(to..to + variable.len as usize),
         ) {
-            target.copy_from_slice(bytes);
+            carry(&source.ty, &variable.ty, bytes, target, same_layout);
         }
     }
     if let Some(interval) = new.diagnosis.critical_interval(&carried) {
@@ -381,6 +461,12 @@ impl fmt::Display for StateChange {
             write!(
                 f,
                 "\n    {new} instead of {old}, starts from its initial value: {path}"
+            )?;
+        }
+        for path in &self.references {
+            write!(
+                f,
+                "\n    a reference, starts from its initial value: {path}"
             )?;
         }
         for path in &self.gone {
