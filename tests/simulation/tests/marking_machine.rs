@@ -67,14 +67,12 @@ fn marking_goes_on_through_crashes() {
         let outcome = marked(seed, (0..18).map(crash).collect());
         let takeovers = takeovers(&outcome.applied);
         failovers += takeovers.iter().filter(|t| !t.released).count();
+        for takeover in &takeovers {
+            assert_eq!(takeover.scans_behind, 0, "seed {seed}: {takeover:?}");
+        }
         // A stroke that was interrupted is brought to its end first.
-        let ram = outcome.applied.iter().filter(|a| a.mc == mc("Ram"));
-        strokes += usize::from(ram.clone().any(|a| matches!(a.phase, Phase::Recovering(_))));
-        let scans: Vec<u64> = ram.map(|a| a.scan.0).collect();
-        assert!(
-            scans.windows(2).all(|w| w[1] == w[0] + 1),
-            "seed {seed}: a scan of the ram is missing or doubled"
-        );
+        let mut ram = outcome.applied.iter().filter(|a| a.mc == mc("Ram"));
+        strokes += usize::from(ram.any(|a| matches!(a.phase, Phase::Recovering(_))));
     }
     assert!(failovers > 100, "{failovers}");
     assert!(strokes >= 3, "strokes were interrupted in {strokes} runs");

@@ -23,6 +23,8 @@ pub(super) fn of(target: &str) -> Vec<Vec<u8>> {
         return Vec::new();
     };
     let model = &files["cell.aml"];
+    let loader = files.iter().find(|(name, _)| name.ends_with("loader.xml"));
+    let loader = loader.map_or("", |(_, text)| text);
     match target {
         "caex" => vec![
             model.clone().into_bytes(),
@@ -31,14 +33,13 @@ pub(super) fn of(target: &str) -> Vec<Vec<u8>> {
         ],
         "amlx" => {
             let packed = container::pack(&files, "cell.aml");
-            let logic = &files["loader.xml"];
             vec![
                 [&[0][..], &packed].concat(),
-                [&[1][..], FOREIGN.as_bytes(), &[0], logic.as_bytes()].concat(),
+                [&[1][..], FOREIGN.as_bytes(), &[0], loader.as_bytes()].concat(),
             ]
         }
         "plcopen" => vec![
-            files["loader.xml"].clone().into_bytes(),
+            loader.into(),
             project.into_bytes(),
             ordinary.into_bytes(),
             LANGUAGES.into(),
