@@ -42,7 +42,7 @@ pub enum Command {
     Node(NodeArgs),
     /// Run an I/O gateway: records, fence, fail-safe values, field driver
     Gateway(GatewayArgs),
-    /// Run the simulated FMS-200 plant behind Modbus TCP
+    /// Run a simulated plant, the FMS-200 cell or the marking machine, behind Modbus TCP
     Plant(PlantArgs),
     /// Show controllers, MCs, workloads and what is going on
     Status(StatusArgs),
@@ -251,6 +251,15 @@ pub struct GatewayArgs {
     pub log: LogArg,
 }
 
+/// What the plant process simulates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MachineArg {
+    /// The FMS-200 assembly cell, as deploy/fms200 drives it.
+    Fms200,
+    /// The marking machine, as deploy/marking-machine drives it.
+    Marking,
+}
+
 /// `fam plant`
 #[derive(Debug, Args)]
 pub struct PlantArgs {
@@ -266,6 +275,9 @@ pub struct PlantArgs {
     /// Seed: which parts come out of the feeders, in which order
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// What is simulated
+    #[arg(long, value_enum, default_value = "fms200")]
+    pub machine: MachineArg,
     /// Form of the log
     #[arg(long, value_enum, default_value = "plain")]
     pub log: LogArg,

@@ -1,12 +1,12 @@
 //! The processes of the cell as subcommands: options in, `run` until SIGTERM or Ctrl-C.
 
-use crate::args::{GatewayArgs, LogArg, ManagerArgs, NodeArgs, PlantArgs};
+use crate::args::{GatewayArgs, LogArg, MachineArg, ManagerArgs, NodeArgs, PlantArgs};
 use anyhow::Result;
 use fam_controller_node::{NodeOptions, RealTimeOptions};
 use fam_driver::{LogFormat, init_logging};
 use fam_gateway::GatewayOptions;
 use fam_manager::ManagerOptions;
-use fam_plant::{PlantConfig, PlantOptions};
+use fam_plant::{MachineKind, PlantConfig, PlantOptions};
 
 fn logging(log: LogArg) {
     let format = match log {
@@ -98,6 +98,10 @@ pub async fn plant(a: PlantArgs) -> Result<()> {
         status: a.status,
         config: PlantConfig {
             seed: a.seed,
+            machine: match a.machine {
+                MachineArg::Fms200 => MachineKind::Fms200,
+                MachineArg::Marking => MachineKind::Marking,
+            },
             ..PlantConfig::default()
         },
         time_scale: 1.0,

@@ -23,7 +23,7 @@ pub struct SimulateArgs {
     /// First seed
     #[arg(long, default_value_t = 0, conflicts_with = "replay")]
     from: u64,
-    /// Which cells, and how much goes wrong: default, harsh, large, plc, fms200
+    /// Which cells, and how much goes wrong: default, harsh, large, plc, fms200, marking
     #[arg(long, default_value = "default", conflicts_with = "replay")]
     profile: Profile,
     /// Run one recorded schedule again and print its event log

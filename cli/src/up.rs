@@ -96,6 +96,8 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
                 &plant.status,
                 "--seed",
                 &plant.seed.to_string(),
+                "--machine",
+                plant.machine.name(),
                 "--log",
                 log,
             ]),

@@ -151,10 +151,12 @@ fn read(
         };
         let hosted = hosted::one(index, model, new, engine, options.cache.as_deref());
         let (new_spec, runtime) = hosted.map_err(|error| error.to_string())?;
+        let kept = reload::kept_ranges(old, new);
         let carry = Carry {
             from: old_layout(running, &spec.mc).unwrap_or(spec.layout),
             from_len: old.initial_checkpoint.len(),
-            copies: reload::kept_ranges(old, new),
+            copies: kept.copies,
+            zeros: kept.zeros,
         };
         ready.versions.push((
             index,

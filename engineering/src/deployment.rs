@@ -69,6 +69,30 @@ struct PlantTable {
     status: Option<Spanned<String>>,
     #[serde(default = "one")]
     seed: u64,
+    #[serde(default)]
+    machine: PlantMachine,
+}
+
+/// Which machine the plant process simulates.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PlantMachine {
+    /// The FMS-200 assembly cell.
+    #[default]
+    Fms200,
+    /// The marking machine.
+    Marking,
+}
+
+impl PlantMachine {
+    /// Its name, as in the file.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            PlantMachine::Fms200 => "fms200",
+            PlantMachine::Marking => "marking",
+        }
+    }
 }
 
 fn one() -> u64 {
@@ -163,6 +187,8 @@ pub struct PlantDeployment {
     pub status: String,
     /// Seed of the simulation.
     pub seed: u64,
+    /// What it simulates.
+    pub machine: PlantMachine,
 }
 
 impl DeploymentFile {
@@ -306,6 +332,7 @@ impl DeploymentFile {
                 modbus: address(&p.modbus, "127.0.0.1:1502"),
                 status: address(&p.status, "127.0.0.1:1503"),
                 seed: p.seed,
+                machine: p.machine,
             }
         });
         if problems.is_empty() {

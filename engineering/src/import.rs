@@ -283,7 +283,11 @@ fn idle_value(typed: &TypedProject, ty: TypeId) -> toml::Value {
     match typed.types.elem(ty) {
         Some(Elem::Bool) => toml::Value::Boolean(false),
         Some(Elem::Real | Elem::Lreal) => toml::Value::Float(0.0),
-        Some(Elem::Time) => toml::Value::String("T#0s".to_owned()),
+        Some(elem @ (Elem::Time | Elem::Date | Elem::Tod | Elem::Dt)) => {
+            toml::Value::String(fam_soft_plc::Value::zero(elem).to_string())
+        }
+        Some(Elem::Char) => toml::Value::String("'$00'".to_owned()),
+        Some(Elem::Wchar) => toml::Value::String("\"$0000\"".to_owned()),
         _ => toml::Value::Integer(0),
     }
 }

@@ -6,12 +6,11 @@ use crate::masks::satisfy::{Satisfiable, satisfiable};
 use crate::masks::{Locate, masks};
 use crate::model::{Cell, IntervalSpec, McSpec};
 use crate::problem::{Explain, ModelText};
-use crate::values::{st_text, value_of};
+use crate::values::st_value;
 use fam_proto::diagnosis::{IntervalKind, Mask};
 use fam_soft_plc::check::check_expression;
 use fam_soft_plc::check::tree::{ExprKind, Root};
 use fam_soft_plc::diag::Diagnostic;
-use fam_soft_plc::value::Value;
 use std::ops::Range;
 use toml::Spanned;
 
@@ -20,10 +19,19 @@ use toml::Spanned;
 pub struct Interval {
     /// Rows of masks, offsets relative to the serialized state.
     pub rows: Vec<Vec<Mask>>,
-    /// Checkpoint state, for Deserialize.
+    /// Checkpoint state.
     pub overlay: Vec<Overlay>,
-    /// Checkpoint state, for the diagnosis file: variable and value.
-    pub checkpoint_state: Vec<(String, Value)>,
+}
+
+/// What of an MC is state.
+#[derive(Clone, Copy)]
+pub struct State<'a> {
+    /// Where a single value lies.
+    pub locate: Locate<'a>,
+    /// Whether a variable, of whatever type, is state.
+    pub contains: &'a dyn Fn(&str) -> bool,
+    /// The state at its initial values.
+    pub initial: &'a [u8],
 }
 
 /// Works out all intervals of an MC. `None` for one that is wrong.
@@ -31,14 +39,13 @@ pub fn intervals(
     cell: &Cell,
     mc: &McSpec,
     logic: &Logic,
-    locate: Locate<'_>,
-    initial_state: &[u8],
+    state: State<'_>,
     problems: &mut Vec<Diagnostic>,
 ) -> Vec<Option<Interval>> {
     let found: Vec<Option<Interval>> = mc
         .intervals
         .iter()
-        .map(|spec| interval(cell, mc, spec, logic, locate, problems))
+        .map(|spec| interval(cell, mc, spec, logic, state, problems))
         .collect();
     overlaps(cell, mc, &found, problems);
     for (spec, interval) in mc.intervals.iter().zip(&found) {
@@ -63,7 +70,7 @@ pub fn intervals(
         } else if interval
             .rows
             .iter()
-            .any(|row| row.iter().all(|m| m.holds(initial_state)))
+            .any(|row| row.iter().all(|m| m.holds(state.initial)))
         {
             problems.push(
                 cell.text
@@ -84,25 +91,22 @@ fn interval(
     mc: &McSpec,
     spec: &IntervalSpec,
     logic: &Logic,
-    locate: Locate<'_>,
+    state: State<'_>,
     problems: &mut Vec<Diagnostic>,
 ) -> Option<Interval> {
     let what = format!("critical interval {} of MC {}", spec.name.get_ref(), mc.mc);
-    let rows = match rows(cell, mc, spec, &what, logic, locate) {
+    let rows = match rows(cell, mc, spec, &what, logic, state.locate) {
         Ok(rows) => Some(rows),
         Err(found) => {
             problems.extend(found);
             None
         }
     };
-    let (mut overlay, mut checkpoint_state) = (Vec::new(), Vec::new());
+    let mut overlay = Vec::new();
     let mut complete = true;
     for (name, value) in &spec.checkpoint_state {
-        match one_overlay(cell, mc, &what, name, value, logic, locate) {
-            Ok((o, path, v)) => {
-                overlay.push(o);
-                checkpoint_state.push((path, v));
-            }
+        match one_overlay(cell, mc, &what, name, value, logic, state.contains) {
+            Ok(found) => overlay.push(found),
             Err(problem) => {
                 problems.push(*problem);
                 complete = false;
@@ -112,7 +116,6 @@ fn interval(
     Some(Interval {
         rows: rows.filter(|_| complete)?,
         overlay,
-        checkpoint_state,
     })
 }
 
@@ -190,8 +193,8 @@ fn one_overlay(
     name: &Spanned<String>,
     given: &Spanned<toml::Value>,
     logic: &Logic,
-    locate: Locate<'_>,
-) -> Result<(Overlay, String, Value), Box<Diagnostic>> {
+    is_state: &dyn Fn(&str) -> bool,
+) -> Result<Overlay, Box<Diagnostic>> {
     let typed = &logic.typed;
     let error = |at: Range<usize>, message: String| Box::new(cell.text.error("M509", at, message));
     let checked = check_expression(typed, Some(mc.program.get_ref()), "", name.get_ref());
@@ -224,7 +227,7 @@ fn one_overlay(
         }
         _ => return Err(not_state()),
     };
-    let value = value_of(typed, mc.program.get_ref(), place.ty, given.get_ref()).map_err(|e| {
+    let value = st_value(typed, mc.program.get_ref(), place.ty, given.get_ref()).map_err(|e| {
         Box::new(
             error(
                 given.span(),
@@ -237,13 +240,14 @@ fn one_overlay(
             .expected(e.expected),
         )
     })?;
-    locate(&path).ok_or_else(not_state)?;
-    let overlay = Overlay {
-        path: path.clone(),
+    if !is_state(&path) {
+        return Err(not_state());
+    }
+    Ok(Overlay {
+        path,
         global,
-        value: st_text(typed, place.ty, value),
-    };
-    Ok((overlay, path, value))
+        value,
+    })
 }
 
 /// Two intervals that hold for one state must not ask for different recoveries.

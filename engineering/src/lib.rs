@@ -12,10 +12,11 @@
 //! - [`plcopen`]: Flexible Automation Projects and diagnosis files.
 //! - [`mod@convert`]: a model from one form into the other.
 //! - [`deployment`]: how a cell is brought up on one machine.
-//! - [`new_cell`]: a small cell to begin with.
+//! - [`new_cell`]: a small cell to begin with. [`large_cell`]: one to measure with.
 //! - [`output`]: all generated files. [`show`]: a cell as a tree. [`reload`]: two versions of a cell.
 //! - [`problem`]: how problems are told.
 
+mod actuators;
 pub mod build;
 pub mod caex;
 pub mod control;
@@ -27,6 +28,7 @@ pub mod import;
 pub mod import_tables;
 mod intervals;
 mod io;
+pub mod large_cell;
 mod logic;
 pub mod masks;
 pub mod model;

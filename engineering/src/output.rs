@@ -5,15 +5,15 @@
 //! - `agents.toml`: the properties of each agent.
 //! - `model/`: the model itself in its plain form, with its logic, for the processes to read.
 //! - `deployment.toml`: for `fam up`.
-//! - `standard.st`: with `--target portable`, the standard blocks whose internals are state.
+//! - `standard.st`: with `--target portable`, the standard blocks whose internals are state, and what counts their time.
 //! - `summary.txt`: a table for people.
 
 use crate::build::{BuiltCell, build_for};
 use crate::convert::{Form, convert, write_files};
 use crate::generate::Target;
+use crate::generate::standard::standard;
 use crate::plcopen::{diagnosis_file, project_xml};
 use crate::problem::Problems;
-use fam_soft_plc::project::STANDARD_LIBRARY;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -89,7 +89,7 @@ fn each_file(built: &BuiltCell, target: Target, sink: Sink<'_>) -> Result<(), Pr
     sink("deployment.toml".to_owned(), deployment(built))?;
     sink("summary.txt".to_owned(), summary(built))?;
     if target == Target::Portable {
-        sink("standard.st".to_owned(), STANDARD_LIBRARY.to_owned())?;
+        sink("standard.st".to_owned(), standard(&built.mcs))?;
     }
     Ok(())
 }

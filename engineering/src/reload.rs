@@ -2,12 +2,17 @@
 //!
 //! State is carried over by name and type: a variable of the new version takes its bytes from the variable of the same path
 //! and the same type in the old one; what is new, or of another type, starts from its initial value; what is gone is left
-//! behind. All of that is listed, so that a person can confirm it before anything happens.
+//! behind; references start from their initial values, as addresses of the old version mean nothing in the new one. All of
+//! that is listed, so that a person can confirm it before anything happens.
+//!
+//! Whoever reloads a running cell: [`compare`] tells what to show and what to ask; for each [`McChange::Changed`], stop the MC at a
+//! state that [`carry_over`] takes (not critical, no recovery under way), and start the new version from what it gives.
 
 use crate::build::{BuiltCell, BuiltMc};
 use fam_proto::McId;
 use fam_proto::model::McModel;
-use fam_soft_plc::layout::{Area, TypeNode, VariableInfo};
+use fam_soft_plc::Elem;
+use fam_soft_plc::layout::{Area, FieldNode, TypeNode, VariableInfo};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
@@ -23,6 +28,8 @@ pub struct StateChange {
     pub gone: Vec<String>,
     /// Variables of another type: path, old and new type.
     pub retyped: Vec<(String, String, String)>,
+    /// References, in variables that both versions have: an address of the old version means nothing in the new one.
+    pub references: Vec<String>,
     /// Whether the layout is the same to the byte.
     pub same_layout: bool,
 }
@@ -31,7 +38,10 @@ impl StateChange {
     /// Whether no value is lost and none is new.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.new.is_empty() && self.gone.is_empty() && self.retyped.is_empty()
+        self.new.is_empty()
+            && self.gone.is_empty()
+            && self.retyped.is_empty()
+            && self.references.is_empty()
     }
 }
 
@@ -205,12 +215,106 @@ fn state_of(mc: &BuiltMc) -> impl Iterator<Item = &VariableInfo> {
     layout
         .variables
         .iter()
-        .filter(move |v| Some(v.area) == state)
+        .filter(move |v| Some(v.area) == state && !v.path.ends_with(TAG_END))
 }
+
+/// Hidden variable of instances of related function blocks.
+const TAG: &str = "__TYPE";
+pub(crate) const TAG_END: &str = ".__TYPE";
 
 /// IEC names ignore case; the MC's own name stands in front of what its program declares.
 fn key(variable: &VariableInfo) -> String {
     variable.path.to_ascii_uppercase()
+}
+
+/// What the compiler keeps in an instance of a function block to tell which one it is of: the new version's own stays.
+fn is_tag(field: &FieldNode) -> bool {
+    field.name == TAG
+}
+
+/// Whether a value is, or has in it, an address.
+fn holds_address(ty: &TypeNode) -> bool {
+    match ty {
+        TypeNode::Array { elem, .. } => holds_address(elem),
+        TypeNode::Struct { fields, .. } => fields.iter().any(|f| holds_address(&f.ty)),
+        _ => ty.elem() == Some(Elem::Ref),
+    }
+}
+
+/// What of an old checkpoint goes into a new one.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct KeptRanges {
+    /// Ranges of the old one, and where each begins in the new one.
+    pub copies: Vec<(Range<usize>, usize)>,
+    /// Ranges of the new one that are zero: behind the end of a shorter string.
+    pub zeros: Vec<Range<usize>>,
+}
+
+impl KeptRanges {
+    fn copy(&mut self, from: Range<usize>, to: usize) {
+        match self.copies.last_mut() {
+            Some((range, at)) if range.end == from.start && *at + range.len() == to => {
+                range.end = from.end;
+            }
+            _ => self.copies.push((from, to)),
+        }
+    }
+
+    /// Brings a value over to a type that means the same ([`same_type`]). Addresses and tags stay as they are in the new one;
+    /// addresses go along if the layout is the same.
+    fn value(
+        &mut self,
+        (from, at): (&TypeNode, Range<usize>),
+        (to, place): (&TypeNode, Range<usize>),
+        same_layout: bool,
+    ) {
+        match (from, to) {
+            (
+                TypeNode::Array {
+                    dims, elem, stride, ..
+                },
+                TypeNode::Array {
+                    elem: to_elem,
+                    stride: to_stride,
+                    ..
+                },
+            ) => {
+                let count = dims.iter().map(|(lo, hi)| hi - lo + 1).product::<i64>();
+                let part = |begin: usize, stride: u32, n: usize| {
+                    let stride = stride as usize;
+                    begin + n * stride..begin + (n + 1) * stride
+                };
+                for n in 0..usize::try_from(count).unwrap_or(0) {
+                    self.value(
+                        (elem, part(at.start, *stride, n)),
+                        (to_elem, part(place.start, *to_stride, n)),
+                        same_layout,
+                    );
+                }
+            }
+            (TypeNode::Struct { fields, .. }, TypeNode::Struct { fields: others, .. }) => {
+                let part = |begin: usize, f: &FieldNode| {
+                    begin + f.offset as usize..begin + (f.offset + f.len) as usize
+                };
+                for (a, b) in fields.iter().zip(others).filter(|(a, _)| !is_tag(a)) {
+                    self.value(
+                        (&a.ty, part(at.start, a)),
+                        (&b.ty, part(place.start, b)),
+                        same_layout,
+                    );
+                }
+            }
+            _ if holds_address(from) && !same_layout => {}
+            _ => {
+                // A longer string has room for all of the shorter one's, and zeros behind it.
+                let len = at.len().min(place.len());
+                if len < place.len() {
+                    self.zeros.push(place.start + len..place.end);
+                }
+                self.copy(at.start..at.start + len, place.start);
+            }
+        }
+    }
 }
 
 /// Whether the bytes of one mean the same in the other.
@@ -242,21 +346,26 @@ fn same_type(a: &TypeNode, b: &TypeNode) -> bool {
             },
         ) => base == b && l <= lo && hi <= h,
         (
-            TypeNode::Array { dims, stride, elem },
+            TypeNode::Text { wide, len },
+            TypeNode::Text {
+                wide: other_wide,
+                len: other_len,
+            },
+        ) => wide == other_wide && len <= other_len,
+        (
+            TypeNode::Array { dims, elem, .. },
             TypeNode::Array {
                 dims: other_dims,
-                stride: other_stride,
                 elem: other_elem,
+                ..
             },
-        ) => dims == other_dims && stride == other_stride && same_type(elem, other_elem),
+        ) => dims == other_dims && same_type(elem, other_elem),
         (TypeNode::Struct { fields, .. }, TypeNode::Struct { fields: others, .. }) => {
             fields.len() == others.len()
-                && fields.iter().zip(others).all(|(a, b)| {
-                    a.name.eq_ignore_ascii_case(&b.name)
-                        && a.offset == b.offset
-                        && a.len == b.len
-                        && same_type(&a.ty, &b.ty)
-                })
+                && fields
+                    .iter()
+                    .zip(others)
+                    .all(|(a, b)| a.name.eq_ignore_ascii_case(&b.name) && same_type(&a.ty, &b.ty))
         }
         _ => false,
     }
@@ -275,8 +384,12 @@ pub fn state_change(old: &BuiltMc, new: &BuiltMc) -> StateChange {
         let key = key(variable);
         match before.get(&key) {
             None => change.new.push(variable.path.clone()),
-            Some(old) if same_type(&old.ty, &variable.ty) && old.len == variable.len => {
-                change.kept += 1
+            Some(old) if same_type(&old.ty, &variable.ty) => {
+                if holds_address(&variable.ty) && !change.same_layout {
+                    change.references.push(variable.path.clone());
+                } else {
+                    change.kept += 1;
+                }
             }
             Some(old) => change.retyped.push((
                 variable.path.clone(),
@@ -315,25 +428,25 @@ pub enum CarryError {
     Recovering(u16),
 }
 
-/// The ranges of an old checkpoint that a new one takes over, and where each begins there: the variables of the same path and
-/// type, neighbours joined.
+/// What a new checkpoint takes over from an old one: the variables of the same path and of a type that means the same.
 #[must_use]
-pub fn kept_ranges(old: &BuiltMc, new: &BuiltMc) -> Vec<(Range<usize>, usize)> {
+pub fn kept_ranges(old: &BuiltMc, new: &BuiltMc) -> KeptRanges {
     let before: BTreeMap<String, &VariableInfo> = state_of(old).map(|v| (key(v), v)).collect();
-    let mut kept: Vec<(Range<usize>, usize)> = Vec::new();
+    let same_layout = old.compiled.layout.hash() == new.compiled.layout.hash();
+    let mut kept = KeptRanges::default();
+    let place = |state: u32, v: &VariableInfo| {
+        let begin = (state + v.offset) as usize;
+        begin..begin + v.len as usize
+    };
     for variable in state_of(new) {
-        let Some(source) = before.get(&key(variable)) else {
-            continue;
-        };
-        if source.len != variable.len || !same_type(&source.ty, &variable.ty) {
-            continue;
-        }
-        let from = (old.control.state.start + source.offset) as usize;
-        let to = (new.control.state.start + variable.offset) as usize;
-        let end = from + variable.len as usize;
-        match kept.last_mut() {
-            Some((range, at)) if range.end == from && *at + range.len() == to => range.end = end,
-            _ => kept.push((from..end, to)),
+        if let Some(source) = before.get(&key(variable))
+            && same_type(&source.ty, &variable.ty)
+        {
+            kept.value(
+                (&source.ty, place(old.control.state.start, source)),
+                (&variable.ty, place(new.control.state.start, variable)),
+                same_layout,
+            );
         }
     }
     kept
@@ -360,7 +473,13 @@ pub fn carry_over(old: &BuiltMc, new: &BuiltMc, checkpoint: &[u8]) -> Result<Vec
         return Err(CarryError::Recovering(action));
     }
     let mut carried = new.initial_checkpoint.clone();
-    for (range, to) in kept_ranges(old, new) {
+    let kept = kept_ranges(old, new);
+    for range in kept.zeros {
+        if let Some(target) = carried.get_mut(range) {
+            target.fill(0);
+        }
+    }
+    for (range, to) in kept.copies {
         let target = carried.get_mut(to..to + range.len());
         if let (Some(bytes), Some(target)) = (checkpoint.get(range), target) {
             target.copy_from_slice(bytes);
@@ -394,6 +513,12 @@ impl fmt::Display for StateChange {
             write!(
                 f,
                 "\n    {new} instead of {old}, starts from its initial value: {path}"
+            )?;
+        }
+        for path in &self.references {
+            write!(
+                f,
+                "\n    a reference, starts from its initial value: {path}"
             )?;
         }
         for path in &self.gone {

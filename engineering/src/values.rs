@@ -62,6 +62,56 @@ pub fn value_of(
     })
 }
 
+/// The value as ST text for a variable of type `ty`, a string among them: its characters, or an ST constant in its quotes.
+///
+/// # Errors
+/// [`ValueError`] if it is no value of that type.
+pub fn st_value(
+    project: &TypedProject,
+    program: &str,
+    ty: TypeId,
+    given: &toml::Value,
+) -> Result<String, ValueError> {
+    let Some((wide, len)) = project.types.text(ty) else {
+        let value = value_of(project, program, ty, given)?;
+        return Ok(st_text(project, ty, value));
+    };
+    let quote = if wide { '"' } else { '\'' };
+    let wrong = |why: &str| ValueError {
+        message: format!("{given} is no {}: {why}", project.type_name(ty)),
+        expected: format!("a text of at most {len} characters"),
+    };
+    let toml::Value::String(text) = given else {
+        return Err(wrong("a string is a text"));
+    };
+    let is_constant = text.len() >= 2 && text.starts_with(quote) && text.ends_with(quote);
+    let units: Vec<u16> = if is_constant {
+        match check_expression(project, Some(program), "", text).map(|e| e.kind) {
+            Ok(ExprKind::Text(units)) => units.to_vec(),
+            _ => return Err(wrong("it is no constant of ST")),
+        }
+    } else {
+        text.encode_utf16().collect()
+    };
+    if units.len() > len as usize {
+        return Err(wrong(&format!("it has {} characters", units.len())));
+    }
+    if !wide && units.iter().any(|u| *u > 0xff) {
+        return Err(wrong("a STRING has the characters of ISO 8859-1"));
+    }
+    let mut out = String::from(quote);
+    for unit in units {
+        match u8::try_from(unit).map(char::from) {
+            Ok(c) if c == quote || c == '$' => out.extend(['$', c]),
+            Ok(c @ ' '..='~') => out.push(c),
+            _ if wide => out.push_str(&format!("${unit:04X}")),
+            _ => out.push_str(&format!("${unit:02X}")),
+        }
+    }
+    out.push(quote);
+    Ok(out)
+}
+
 fn real(elem: Elem, value: f64) -> Value {
     if elem == Elem::Real {
         #[allow(clippy::cast_possible_truncation)] // a REAL is what is asked for
@@ -87,18 +137,25 @@ fn constant(project: &TypedProject, program: &str, ty: TypeId, text: &str) -> Op
         return Some(Value::from_i128(*base, i128::from(*number)));
     }
     let expr = check_expression(project, Some(program), "", text).ok()?;
-    let ExprKind::Const(value) = expr.kind else {
-        return None;
+    let value = match (expr.kind, project.types.elem(ty)?) {
+        (ExprKind::Const(value), _) => value,
+        // A literal of one character has no context here that makes it one.
+        (ExprKind::Text(units), Elem::Char | Elem::Wchar) if units.len() == 1 => {
+            Value::Char(units[0])
+        }
+        _ => return None,
     };
     if project.types.is_enum(expr.ty) {
         return None;
     }
     match (project.types.elem(ty)?, value) {
-        (elem @ (Elem::Real | Elem::Lreal), Value::Time(_) | Value::Bool(_)) => {
-            let _ = elem;
-            None
+        (elem @ (Elem::Real | Elem::Lreal), v) => {
+            let is_number = matches!(
+                v,
+                Value::Int(_) | Value::Uint(_) | Value::Real(_) | Value::Lreal(_)
+            );
+            is_number.then(|| real(elem, v.as_f64()))
         }
-        (elem @ (Elem::Real | Elem::Lreal), v) => Some(real(elem, v.as_f64())),
         (_, v) => Some(v),
     }
 }
@@ -115,6 +172,11 @@ fn examples(project: &TypedProject, ty: TypeId, elem: Elem) -> String {
     match (elem, elem.limits()) {
         (Elem::Bool, _) => "true or false".into(),
         (Elem::Time, _) => "a duration such as \"T#1s500ms\"".into(),
+        (Elem::Date, _) => "a date such as \"D#2024-02-29\"".into(),
+        (Elem::Tod, _) => "a time of day such as \"TOD#12:30:00\"".into(),
+        (Elem::Dt, _) => "a date and time such as \"DT#2024-02-29-12:30:00\"".into(),
+        (Elem::Char, _) => "a character such as \"'x'\"".into(),
+        (Elem::Wchar, _) => "a character such as \"\\\"x\\\"\"".into(),
         (_, Some((lo, hi))) => format!("a number from {lo} to {hi}"),
         (_, None) => "a number such as 1.5".into(),
     }

@@ -227,3 +227,58 @@ fn a_narrowed_state_leaves_out_what_is_not_listed_and_says_so() {
         assert!(problems.contains(part), "expected `{part}` in:\n{problems}");
     }
 }
+
+/// A ladder that closes a valve, and a chart that counts its rounds, in one project.
+const DIAGRAMS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+<project xmlns="http://www.plcopen.org/xml/tc6_0201" xmlns:xhtml="http://www.w3.org/1999/xhtml">
+<fileHeader companyName="c" productName="p" productVersion="1" creationDateTime="2020-01-01T00:00:00"/>
+<contentHeader name="n"><coordinateInfo><fbd><scaling x="1" y="1"/></fbd><ld><scaling x="1" y="1"/></ld><sfc><scaling x="1" y="1"/></sfc></coordinateInfo></contentHeader>
+<types><dataTypes/><pous>
+<pou name="Ladder" pouType="program"><interface><externalVars><variable name="Full"><type><BOOL/></type></variable><variable name="Valve"><type><BOOL/></type></variable></externalVars></interface>
+<body><LD><leftPowerRail localId="1"><position x="0" y="0"/><connectionPointOut formalParameter=""/></leftPowerRail>
+<contact localId="2" negated="true"><position x="1" y="0"/><connectionPointIn><connection refLocalId="1"/></connectionPointIn><connectionPointOut/><variable>Full</variable></contact>
+<coil localId="3"><position x="2" y="0"/><connectionPointIn><connection refLocalId="2"/></connectionPointIn><connectionPointOut/><variable>Valve</variable></coil></LD></body></pou>
+<pou name="Rounds" pouType="program"><interface><localVars><variable name="n"><type><INT/></type></variable></localVars><externalVars><variable name="Go"><type><BOOL/></type></variable><variable name="Lamp"><type><BOOL/></type></variable></externalVars></interface>
+<body><SFC><step localId="1" name="Waits" initialStep="true"><position x="0" y="0"/><connectionPointIn><connection refLocalId="4"/></connectionPointIn><connectionPointOut formalParameter="sfc"/></step>
+<transition localId="2"><position x="0" y="0"/><connectionPointIn><connection refLocalId="1"/></connectionPointIn><condition><inline name=""><ST><xhtml:p>Go</xhtml:p></ST></inline></condition></transition>
+<step localId="3" name="Goes"><position x="0" y="0"/><connectionPointIn><connection refLocalId="2"/></connectionPointIn><connectionPointOut formalParameter="sfc"/><connectionPointOutAction formalParameter=""/></step>
+<actionBlock localId="5"><position x="0" y="0"/><connectionPointIn><connection refLocalId="3"/></connectionPointIn><action qualifier="N"><relPosition x="0" y="0"/><inline><ST><xhtml:p>Lamp := TRUE; n := n + 1;</xhtml:p></ST></inline></action></actionBlock>
+<transition localId="4"><position x="0" y="0"/><connectionPointIn><connection refLocalId="3"/></connectionPointIn><condition><inline name=""><ST><xhtml:p>NOT Go</xhtml:p></ST></inline></condition></transition></SFC></body></pou>
+</pous></types>
+<instances><configurations><configuration name="c"><resource name="r"><task name="t" interval="PT0.02S" priority="1"><pouInstance name="Ladder1" typeName="Ladder"/><pouInstance name="Rounds1" typeName="Rounds"/></task>
+<globalVars><variable name="Full" address="%IX0.0"><type><BOOL/></type></variable><variable name="Go" address="%IX0.1"><type><BOOL/></type></variable><variable name="Valve" address="%QX0.0"><type><BOOL/></type></variable><variable name="Lamp" address="%QX0.1"><type><BOOL/></type></variable></globalVars></resource></configuration></configurations></instances>
+</project>"#;
+
+#[test]
+fn ladders_and_charts_go_from_import_to_projects_as_they_were_drawn() {
+    let sources = [SourceFile::new("plant.xml", DIAGRAMS)];
+    let files = import::model(&sources, "plant.aml").unwrap_or_else(|p| panic!("{p}"));
+    let dir = tempfile::tempdir().unwrap();
+    write_files(&files, dir.path()).unwrap_or_else(|p| panic!("{p}"));
+    let (generated, built) =
+        fam_engineering::output::generate(&dir.path().join("plant.aml"), Target::Fam)
+            .unwrap_or_else(|p| panic!("{p}"));
+    let project = &generated["controller1.xml"];
+    for part in [
+        "<LD>",
+        "<contact ",
+        "<SFC>",
+        "name=\"Goes\"",
+        "<actionBlock ",
+    ] {
+        assert!(project.contains(part), "{part}");
+    }
+    common::read_back(&built);
+    // The chart's steps are state, and travel with it.
+    let rounds = built
+        .mcs
+        .iter()
+        .find(|m| m.mc.as_str() == "Rounds1")
+        .unwrap();
+    assert!(
+        rounds
+            .state_variables
+            .iter()
+            .any(|v| v.path.eq_ignore_ascii_case("Rounds.Goes.X"))
+    );
+}

@@ -2,12 +2,9 @@
 
 mod common;
 
-use common::{changed, two_stations};
-use fam_engineering::build::{BuiltMc, compile_sources};
-use fam_engineering::generate::Names;
-use fam_engineering::plcopen::{diagnosis_file, mc_source, project_xml};
+use common::{changed, read_back, two_stations};
+use fam_engineering::plcopen::{diagnosis_file, project_xml};
 use fam_engineering::{BuiltCell, build, write_projects};
-use fam_soft_plc::layout::{CompileSpec, RegionSpec};
 use std::path::Path;
 use std::process::Command;
 
@@ -15,72 +12,6 @@ fn fms200() -> Option<BuiltCell> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/fms200/cell.toml");
     path.exists()
         .then(|| build(&path).unwrap_or_else(|p| panic!("{p}")))
-}
-
-/// The specification that the MC was compiled with, from its layout.
-fn spec(mc: &BuiltMc) -> CompileSpec {
-    let names = Names::of(mc.mc.as_str());
-    let layout = &mc.compiled.layout;
-    let roots = |region: &str| {
-        let index = layout.region_index(region).unwrap();
-        let (mut programs, mut globals) = (Vec::<String>::new(), Vec::new());
-        for root in &layout.roots {
-            if root.area != fam_soft_plc::layout::Area::Region(index) {
-                continue;
-            }
-            match root.path.split_once('.') {
-                Some((program, _)) if !programs.iter().any(|p| p == program) => {
-                    programs.push(program.to_owned())
-                }
-                Some(_) => {}
-                None => globals.push(root.path.clone()),
-            }
-        }
-        RegionSpec {
-            name: region.to_owned(),
-            programs,
-            globals,
-        }
-    };
-    CompileSpec {
-        entry: names.control,
-        regions: vec![roots("checkpoint"), roots("state")],
-        ..CompileSpec::default()
-    }
-}
-
-fn read_back(built: &BuiltCell) {
-    for controller in &built.model.controllers {
-        let project = project_xml(built, &controller.controller);
-        for mc in &built.mcs {
-            let hosts = &built.model.mc(&mc.mc).unwrap().hosts;
-            if !hosts.contains(&controller.controller) {
-                assert!(mc_source(&project, mc.mc.as_str()).is_err());
-                continue;
-            }
-            let source = mc_source(&project, mc.mc.as_str()).unwrap();
-            let again = compile_sources(&[source], &spec(mc)).unwrap_or_else(|problems| {
-                let texts: Vec<String> = problems.iter().map(ToString::to_string).collect();
-                panic!(
-                    "{} of {}: {}",
-                    mc.mc,
-                    controller.controller,
-                    texts.join("\n")
-                )
-            });
-            assert_eq!(
-                again.layout.hash(),
-                mc.compiled.layout.hash(),
-                "layout of {}",
-                mc.mc
-            );
-            assert_eq!(
-                again.logic_hash, mc.compiled.logic_hash,
-                "logic of {}",
-                mc.mc
-            );
-        }
-    }
 }
 
 #[test]

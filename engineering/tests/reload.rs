@@ -8,6 +8,7 @@ use fam_engineering::reload::{
 };
 use fam_engineering::{BuiltCell, BuiltMc, build};
 use fam_proto::McId;
+use fam_soft_plc::{Engine, EngineOptions, Instance, Value};
 use proptest::prelude::*;
 use std::sync::LazyLock;
 
@@ -127,6 +128,100 @@ fn a_state_in_a_critical_interval_or_a_recovery_is_not_carried_over() {
         carry_over(old, new, short),
         Err(CarryError::Length { .. })
     ));
+}
+
+/// Versions of one MC.
+fn versions(old: &str, new: &str) -> [BuiltMc; 2] {
+    [old, new].map(|logic| {
+        let (_dir, path) = common::one_mc(logic, "");
+        build(&path).unwrap_or_else(|p| panic!("{p}")).mcs.remove(0)
+    })
+}
+
+/// Runs an MC for a few scans from a checkpoint.
+fn run(mc: &BuiltMc, checkpoint: &[u8], scans: i64) -> Instance {
+    let engine = Engine::new(EngineOptions::default()).unwrap();
+    let module = engine.prepare(&mc.compiled).unwrap();
+    let mut instance = Instance::new(&engine, &module).unwrap();
+    let mut bytes = checkpoint.to_vec();
+    mc.control.activate(&mut bytes, 0, false);
+    instance
+        .region_mut(mc.checkpoint_region())
+        .copy_from_slice(&bytes);
+    for scan in 0..scans {
+        instance
+            .scan(scan * 5_000_000, 1_000)
+            .unwrap_or_else(|t| panic!("{t}"));
+    }
+    instance
+}
+
+#[test]
+fn strings_and_dates_are_carried_over() {
+    let logic = |len: &str, more: &str| {
+        format!(
+            "TYPE L : STRUCT t : STRING[4]; d : DATE; END_STRUCT; END_TYPE\nPROGRAM M\nVAR {more} s : STRING[{len}]; w : WSTRING[3]; \
+             a : ARRAY[1..2] OF L; dt : DT; c : CHAR; short : STRING[{len}]; n : INT; END_VAR\n\
+             IF n = 0 THEN s := 'abcd'; w := \"$20AC\"; a[2].t := 'xy'; a[2].d := D#2024-02-29; dt := DT#2025-01-01-00:00:01; c := 'q'; END_IF;\n\
+             n := n + 1; short := 'z';\nEND_PROGRAM\n"
+        )
+    };
+    let [old, new] = versions(&logic("4", ""), &logic("9", "first : LREAL;"));
+    let change = state_change(&old, &new);
+    assert_eq!(
+        (change.new.len(), change.gone.len(), change.retyped.len()),
+        (1, 0, 0),
+        "{change}"
+    );
+    let before = run(&old, &old.initial_checkpoint, 1);
+    let checkpoint = before.region(old.checkpoint_region());
+    let carried = carry_over(&old, &new, checkpoint).unwrap();
+    let after = run(&new, &carried, 1);
+    for path in ["M.w", "M.a[2].t", "M.a[2].d", "M.dt", "M.c", "M.s"] {
+        let bytes = |mc: &BuiltMc, i: &Instance| {
+            let found = mc.compiled.layout.find(path).unwrap();
+            let state = mc.compiled.layout.region_index("state").unwrap();
+            i.region(state)[found.offset as usize..][..found.len as usize].to_vec()
+        };
+        let (was, is) = (bytes(&old, &before), bytes(&new, &after));
+        assert_eq!(is[..was.len()], was[..], "{path}");
+        assert!(is[was.len()..].iter().all(|b| *b == 0), "{path}");
+        assert!(was.iter().any(|b| *b != 0), "{path}");
+    }
+    assert_eq!(after.read("M.n"), Some(Value::Int(2)));
+    // What has less room now is told, and not cut in silence.
+    let change = state_change(&new, &old);
+    let told: Vec<&str> = change.retyped.iter().map(|(p, ..)| p.as_str()).collect();
+    assert_eq!(told, ["M.s", "M.short"]);
+}
+
+/// An instance knows of which function block it is by a number that another version may use for another one.
+#[test]
+fn derived_blocks_and_references_stay_those_of_the_new_version() {
+    let logic = |before: &str, variable: &str| {
+        format!(
+            "{before}FUNCTION_BLOCK Base\nVAR n : INT; END_VAR\nMETHOD PUBLIC Step : INT\n n := n + 1; Step := n; END_METHOD\nEND_FUNCTION_BLOCK\n\
+             FUNCTION_BLOCK Twice EXTENDS Base\nMETHOD PUBLIC OVERRIDE Step : INT\n n := n + 2; Step := n; END_METHOD\nEND_FUNCTION_BLOCK\n\
+             PROGRAM M\nVAR {variable} one : Base; two : ARRAY[0..1] OF Twice; p : REF_TO Base; seen : INT; END_VAR\n\
+             p := REF(two[1]); seen := one.Step() + p^.Step();\nEND_PROGRAM\n"
+        )
+    };
+    let other = "FUNCTION_BLOCK A0\nMETHOD PUBLIC Step : INT\n Step := -99; END_METHOD\nEND_FUNCTION_BLOCK\nFUNCTION_BLOCK A1 EXTENDS A0\nEND_FUNCTION_BLOCK\n";
+    let [old, new] = versions(&logic("", ""), &logic(other, "x : LREAL; y : A1;"));
+    let change = state_change(&old, &new);
+    assert_eq!(change.references, ["M.p"]);
+    assert!(!change.is_complete());
+    assert!(
+        change
+            .to_string()
+            .contains("a reference, starts from its initial value: M.p"),
+        "{change}"
+    );
+    let before = run(&old, &old.initial_checkpoint, 3);
+    assert_eq!(before.read("M.seen"), Some(Value::Int(9)));
+    let carried = carry_over(&old, &new, before.region(old.checkpoint_region())).unwrap();
+    let after = run(&new, &carried, 1);
+    assert_eq!(after.read("M.seen"), Some(Value::Int(12)));
 }
 
 proptest! {

@@ -12,76 +12,11 @@ use proptest::prelude::*;
 use std::sync::Arc;
 
 const BUDGET_TICKS: u64 = 1000;
+const DAY_NS: i64 = 86_400_000_000_000;
 
-/// Every elementary type; arrays of all kinds; structures, enumerations, subranges, nested function blocks; globals.
-const EVERY_TYPE: &str = "
-TYPE
-    Mode : (Off := -2, Slow := 1, Fast := 7);
-    Small : USINT (Red, Green, Blue);
-    Percent : INT (0..100);
-    Point : STRUCT x : LREAL; on : BOOL; y : REAL; END_STRUCT;
-    Track : STRUCT points : ARRAY[0..2] OF Point; used : INT; mode : Mode; END_STRUCT;
-END_TYPE
-VAR_GLOBAL
-    in0 AT %IX0.0 : BOOL;
-    out0 AT %QW1 : INT;
-    gLast : LWORD;
-    gCount : ARRAY[-1..1] OF UINT;
-    gTrack : Track;
-    gMode : Mode := Slow;
-END_VAR
-VAR_GLOBAL CONSTANT
-    N : INT := 4;
-END_VAR
-VAR_GLOBAL RETAIN
-    gKept : LREAL := 2.5;
-END_VAR
-FUNCTION_BLOCK Inner
-VAR_INPUT a : SINT; END_VAR
-VAR_OUTPUT b : USINT; END_VAR
-VAR count : CTU; bits : ARRAY[1..5] OF BOOL; END_VAR
-    count(CU := a > 0, PV := 3);
-    b := b + 1;
-    bits[3] := NOT bits[3];
-END_FUNCTION_BLOCK
-FUNCTION_BLOCK Outer
-VAR inner : ARRAY[0..1] OF Inner; timer : TON; edge : R_TRIG; last : TIME; END_VAR
-VAR CONSTANT K : INT := 3; END_VAR
-VAR_TEMP t : INT; END_VAR
-    t := K;
-    inner[0](a := INT_TO_SINT(t));
-    timer(IN := TRUE, PT := T#1s);
-    edge(CLK := timer.Q);
-    last := timer.ET;
-END_FUNCTION_BLOCK
-PROGRAM M
-VAR_EXTERNAL
-    in0 : BOOL; out0 : INT; gLast : LWORD; gCount : ARRAY[-1..1] OF UINT; gTrack : Track; gMode : Mode; gKept : LREAL;
-END_VAR
-VAR_EXTERNAL CONSTANT N : INT; END_VAR
-VAR
-    bo : BOOL; si : SINT; i : INT; di : DINT; li : LINT; us : USINT; ui : UINT; ud : UDINT; ul : ULINT;
-    byt : BYTE; wo : WORD; dw : DWORD; lw : LWORD; re : REAL; lr : LREAL; ti : TIME;
-    mode : Mode; colour : Small; percent : Percent;
-    abo : ARRAY[0..6] OF BOOL; aby : ARRAY[-2..2] OF BYTE; asi : ARRAY[1..3] OF SINT; aus : ARRAY[1..1] OF USINT;
-    ai : ARRAY[1..2, -1..1] OF INT; ar : ARRAY[0..2] OF REAL; al : ARRAY[0..1, 0..1, 0..1] OF LREAL; ati : ARRAY[3..4] OF TIME;
-    amode : ARRAY[0..2] OF Mode; acolour : ARRAY[0..2] OF Small;
-    point : Point; tracks : ARRAY[1..2] OF Track;
-    outer : Outer; outers : ARRAY[0..1] OF Outer;
-    after : BOOL;
-END_VAR
-    IF in0 THEN
-        outer();
-        outers[1]();
-        i := i + 1;
-        ai[2, 0] := i;
-        tracks[2].points[1].y := tracks[2].points[1].y + 0.1;
-        gCount[0] := gCount[0] + 1;
-        mode := Fast;
-        out0 := i;
-    END_IF;
-END_PROGRAM
-";
+/// Every elementary type; strings and dates; arrays of all kinds; structures, enumerations, subranges, nested and derived function
+/// blocks; globals.
+const EVERY_TYPE: &str = include_str!("cells/types/types.st");
 
 const SMALL: &[&str] = &[
     "PROGRAM M\nVAR x : BOOL; END_VAR\n x := NOT x;\nEND_PROGRAM\n",
@@ -182,13 +117,31 @@ fn the_portable_form_uses_no_extension() {
 
 #[test]
 fn a_state_that_cannot_be_written_out_is_named() {
-    let (_dir, path) = one_mc(
-        "PROGRAM M\nVAR m : (On, Off); END_VAR\n m := Off;\nEND_PROGRAM\n",
-        "",
-    );
-    assert!(build_for(&path, Target::Fam).is_ok());
-    let problems = build_for(&path, Target::Portable).unwrap_err().to_string();
-    assert!(problems.contains("error[M511]: MC M: the variable `M.m` cannot be serialized one by one: its enumeration has no name"), "{problems}");
+    let table = [
+        (
+            "PROGRAM M\nVAR x : INT; p : REF_TO INT; END_VAR\n p := REF(x); x := p^ + 1;\nEND_PROGRAM\n",
+            "the variable `M.p` cannot be serialized one by one: it holds an address",
+        ),
+        (
+            "FUNCTION_BLOCK F\nVAR_INPUT e : BOOL R_EDGE; END_VAR\nVAR n : INT; END_VAR\n IF e THEN n := n + 1; END_IF;\nEND_FUNCTION_BLOCK\n\
+             PROGRAM M\nVAR f : F; END_VAR\n f(e := TRUE);\nEND_PROGRAM\n",
+            "an edge of an input",
+        ),
+        (
+            "PROGRAM M\nVAR n : INT; END_VAR\nINITIAL_STEP A: END_STEP\nSTEP B: END_STEP\n\
+             TRANSITION FROM A TO B := TRUE; END_TRANSITION\nTRANSITION FROM B TO A := TRUE; END_TRANSITION\nEND_PROGRAM\n",
+            "the variable `M.A` cannot be serialized one by one: it is a step of a sequential function chart",
+        ),
+    ];
+    for (logic, message) in table {
+        let (_dir, path) = one_mc(logic, "");
+        assert!(build_for(&path, Target::Fam).is_ok(), "{logic}");
+        let problems = build_for(&path, Target::Portable).unwrap_err().to_string();
+        assert!(
+            problems.contains("error[M511]: MC M: ") && problems.contains(message),
+            "{problems}"
+        );
+    }
 }
 
 /// All scalars of the state.
@@ -199,7 +152,20 @@ fn leaves(mc: &BuiltMc) -> Vec<VariableInfo> {
         .roots
         .iter()
         .filter(|r| r.area == Area::Region(region));
-    roots.flat_map(|r| layout.leaves(r)).collect()
+    let leaves = roots.flat_map(|r| layout.leaves(r));
+    // Which function block an instance is of changes with nothing.
+    leaves.filter(|l| !l.path.ends_with(".__TYPE")).collect()
+}
+
+/// The bytes of a string that the variable can have: its length, characters of all kinds, zeros.
+fn text(wide: bool, len: u32, raw: u64, bytes: &mut [u8]) {
+    bytes.fill(0);
+    let count = raw % u64::from(len + 1);
+    bytes[..4].copy_from_slice(&(count as u32).to_le_bytes());
+    let width = if wide { 2 } else { 1 };
+    for n in 0..count as usize * width {
+        bytes[4 + n] = (raw >> (n * 8 % 57)) as u8;
+    }
 }
 
 /// A value that the variable can have, from random bits; the edges often.
@@ -226,6 +192,10 @@ fn value(ty: &TypeNode, raw: u64) -> Value {
                 (Elem::Lreal, _) => {
                     Value::Lreal(fam_soft_plc::value::canonical_f64(f64::from_bits(raw)))
                 }
+                // Whole days, and times within one.
+                (Elem::Date, _) => Value::Date(raw as i64 / DAY_NS * DAY_NS),
+                (Elem::Tod, 0) => Value::Tod(DAY_NS - 1),
+                (Elem::Tod, _) => Value::Tod((raw as i64).rem_euclid(DAY_NS)),
                 (_, 0) => Value::from_i128(elem, elem.limits().unwrap().0),
                 (_, 1) => Value::from_i128(elem, elem.limits().unwrap().1),
                 _ => Value::from_i128(elem, i128::from(raw)),
@@ -249,7 +219,12 @@ fn any_state_goes_out_and_back() {
         for (mc, module) in &modules {
             let mut i = Instance::new(&engine, module).unwrap();
             for (leaf, raw) in leaves.iter().zip(&raws) {
-                i.write_variable(leaf, value(&leaf.ty, *raw)).unwrap();
+                if let TypeNode::Text { wide, len } = &*leaf.ty {
+                    let range = leaf.offset as usize..(leaf.offset + leaf.len) as usize;
+                    text(*wide, *len, *raw, &mut i.region_mut(state)[range]);
+                } else {
+                    i.write_variable(leaf, value(&leaf.ty, *raw)).unwrap();
+                }
             }
             // isActive and wasActive: the program, which does nothing without its input, then Serialize.
             let mut checkpoint = i.region(mc.checkpoint_region()).to_vec();

@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use fam_plant_core::{ConfigError, Plant, PlantConfig};
+use fam_plant_core::{ConfigError, Mechanics, PlantConfig, machine};
 use tracing::warn;
 
 use crate::pace::Pace;
@@ -17,7 +17,7 @@ pub(crate) struct Cell {
 }
 
 struct Inner {
-    plant: Plant,
+    plant: Box<dyn Mechanics>,
     pace: Pace,
     started: Instant,
     requests: u64,
@@ -28,7 +28,7 @@ struct Inner {
 impl Cell {
     pub fn new(config: PlantConfig, time_scale: f64) -> Result<Self, ConfigError> {
         let inner = Inner {
-            plant: Plant::new(config)?,
+            plant: machine(config)?,
             pace: Pace::new(time_scale),
             started: Instant::now(),
             requests: 0,
@@ -46,10 +46,11 @@ impl Cell {
     }
 
     /// A request of a controller to the cell as it is now.
-    pub fn request<R>(&self, request: impl FnOnce(&mut Plant) -> R) -> R {
+    pub fn request<R>(&self, request: impl FnOnce(&mut dyn Mechanics) -> R) -> R {
         self.with(|inner| {
             inner.requests += 1;
-            request(&mut inner.plant)
+            inner.plant.heard();
+            request(inner.plant.as_mut())
         })
     }
 
@@ -62,7 +63,7 @@ impl Cell {
                 lag_us: inner.pace.lag_us(),
                 config: plant.config(),
                 modbus_requests: inner.requests,
-                finished: plant.products().len() as u64,
+                finished: plant.finished(),
                 incidents_total: plant.incidents_total(),
                 ledger: plant.ledger(),
                 products: if whole {

@@ -4,7 +4,7 @@ use std::future::{Ready, ready};
 use std::sync::Arc;
 
 use fam_plant_core::{
-    AddressError, COILS, DISCRETE_INPUTS, HOLDING_REGISTERS, INPUT_REGISTERS, Plant, UnitImage,
+    AddressError, COILS, DISCRETE_INPUTS, HOLDING_REGISTERS, INPUT_REGISTERS, Mechanics, UnitImage,
 };
 use tokio_modbus::server::Service;
 use tokio_modbus::{ExceptionCode, Request, Response, SlaveRequest};
@@ -41,7 +41,11 @@ impl Service for CellService {
     }
 }
 
-fn answer(plant: &mut Plant, unit: u8, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+fn answer(
+    plant: &mut dyn Mechanics,
+    unit: u8,
+    request: &Request<'_>,
+) -> Result<Response, ExceptionCode> {
     let image = plant.image(unit).map_err(exception)?;
     match request {
         Request::ReadDiscreteInputs(address, count) => {
@@ -99,7 +103,9 @@ fn answer(plant: &mut Plant, unit: u8, request: &Request<'_>) -> Result<Response
 
 fn exception(error: AddressError) -> ExceptionCode {
     match error {
-        AddressError::Unit { .. } => ExceptionCode::GatewayTargetDevice,
+        AddressError::Unit { .. } | AddressError::OneUnit { .. } => {
+            ExceptionCode::GatewayTargetDevice
+        }
         AddressError::Address { .. } => ExceptionCode::IllegalDataAddress,
     }
 }
@@ -141,7 +147,7 @@ fn read_registers(
 }
 
 fn write_registers(
-    plant: &mut Plant,
+    plant: &mut dyn Mechanics,
     unit: u8,
     address: u16,
     values: &[u16],

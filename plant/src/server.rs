@@ -86,7 +86,8 @@ impl PlantServer {
     pub async fn serve(self, shutdown: impl Future<Output = ()>) -> Result<()> {
         let cell = Arc::new(Cell::new(self.options.config, self.options.time_scale)?);
         info!(
-            "the FMS-200 plant runs: Modbus TCP on {}, status on {}, seed {}",
+            "the plant ({}) runs: Modbus TCP on {}, status on {}, seed {}",
+            self.options.config.machine.name(),
             self.modbus_address()?,
             self.status_address()?,
             self.options.config.seed

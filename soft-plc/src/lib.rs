@@ -30,6 +30,7 @@ pub use layout::{
     Area, CompileSpec, FieldNode, Layout, Region, RegionSpec, TypeNode, VariableInfo, WORK_REGION,
     layout_of,
 };
+pub use plcopen::WHOLE_TEXT_NAMESPACE;
 pub use project::{parse_expression, parse_project};
 #[cfg(feature = "runtime")]
 pub use runtime::{

@@ -96,7 +96,7 @@ impl Job {
             Step::Activating { order, .. } | Step::Stopping { order, .. } => order == id,
             Step::Releasing {
                 activate, release, ..
-            } => activate == id || release == id,
+            } => activate == Some(id) || release == id,
         }
     }
 

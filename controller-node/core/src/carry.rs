@@ -14,6 +14,8 @@ pub struct Carry {
     pub from_len: usize,
     /// Ranges of the old checkpoint, and where they begin in the new one. What is in none starts from its initial value.
     pub copies: Vec<(Range<usize>, usize)>,
+    /// Ranges of the new checkpoint that are zero before that: what lies behind a string that was shorter.
+    pub zeros: Vec<Range<usize>>,
 }
 
 impl Carry {
@@ -29,6 +31,11 @@ impl Carry {
             );
         }
         let mut state = to.initial.clone();
+        for range in &self.zeros {
+            if let Some(target) = state.get_mut(range.clone()) {
+                target.fill(0);
+            }
+        }
         for (range, at) in &self.copies {
             let source = checkpoint.state.get(range.clone());
             let target = state.get_mut(*at..*at + range.len());

@@ -128,7 +128,9 @@ fn a_frame_of_an_older_epoch_or_scan_is_late() {
     let mut other = model_node("c", 8);
     assert_eq!(
         other.replicas[0].frame(&first).unwrap().held,
-        Err(FrameRefusal::Layout)
+        Err(FrameRefusal::Layout(
+            fam_node_core::model_mc::ModelMc::layout(0)
+        ))
     );
 }
 

@@ -211,6 +211,25 @@ impl Loader<'_> {
     }
 }
 
+/// Why a path leads to no class. Both tell what there is instead.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ClassError {
+    /// The alias before the `@` is none of the file's.
+    #[error("the file has no ExternalReference with the alias `{alias}`; {hint}")]
+    NoAlias {
+        /// As written.
+        alias: String,
+        /// The ones that there are.
+        hint: String,
+    },
+    /// No library at hand has it.
+    #[error("{hint}")]
+    NoClass {
+        /// The ones that there are.
+        hint: String,
+    },
+}
+
 impl Caex {
     /// The main file.
     #[must_use]
@@ -294,8 +313,8 @@ impl Caex {
     /// The class that a path written in `from` leads to. `Ok(None)` for a class of a standard library that is not at hand.
     ///
     /// # Errors
-    /// A hint about what there is instead.
-    pub fn class(&self, from: ObjectId, path: &str) -> Result<Option<ObjectId>, String> {
+    /// [`ClassError`].
+    pub fn class(&self, from: ObjectId, path: &str) -> Result<Option<ObjectId>, ClassError> {
         let file = self.objects[from].file;
         let (alias, path) = match path.split_once('@') {
             Some((alias, rest)) => (Some(alias), rest),
@@ -313,10 +332,10 @@ impl Caex {
                 None => {
                     let known = self.files[file].aliases.keys().map(String::as_str);
                     let known: Vec<&str> = known.collect();
-                    return Err(format!(
-                        "the file has no ExternalReference with the alias `{alias}`; {}",
-                        suggestion(alias, known)
-                    ));
+                    return Err(ClassError::NoAlias {
+                        alias: alias.to_owned(),
+                        hint: suggestion(alias, known),
+                    });
                 }
             },
             None => std::iter::once(file)
@@ -357,7 +376,9 @@ impl Caex {
             })
             .map(|((_, p), _)| p.as_str())
             .collect();
-        Err(suggestion(&path, known))
+        Err(ClassError::NoClass {
+            hint: suggestion(&path, known),
+        })
     }
 
     /// Paths of a class reference and of all that it derives from, as far as they are known, the nearest first.
@@ -589,12 +610,15 @@ impl Caex {
                 if self.by_id(&reference.text).is_some() {
                     continue;
                 }
-                if let Err(hint) = self.class(id, &reference.text) {
+                if let Err(error) = self.class(id, &reference.text) {
                     let message = format!(
                         "{what} refers to the class `{}`, which does not exist",
                         reference.text
                     );
-                    problems.push(text.error("M806", reference.at.clone(), message).hint(hint));
+                    problems.push(
+                        text.error("M806", reference.at.clone(), message)
+                            .hint(error.to_string()),
+                    );
                 }
             }
             if let Some(round) = self.circle(id) {

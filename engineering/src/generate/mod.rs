@@ -11,6 +11,7 @@
 //! a new recovery ([`crate::control::ControlLayout::actions`]).
 
 pub mod portable;
+pub mod standard;
 
 use fam_proto::diagnosis::IntervalKind;
 use std::fmt::Write as _;

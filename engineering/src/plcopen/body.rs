@@ -1,7 +1,7 @@
 //! Cuts the text of a POU's body out of its source, comments included.
 
 use fam_soft_plc::source::Sources;
-use fam_soft_plc::syntax::ast::{Pou, Project};
+use fam_soft_plc::syntax::ast::{Ident, Pou, Project};
 
 /// Text between the last END_VAR of the POU (or its head) and its end.
 #[must_use]
@@ -39,6 +39,38 @@ pub fn body_text(project: &Project, pou: &Pou) -> String {
         }
     }
     trimmed(text.get(start..end).unwrap_or("")).to_owned()
+}
+
+/// The text of a declaration from its opening word to its closing one, around its name.
+#[must_use]
+pub fn whole_text<'a>(
+    project: &'a Project,
+    name: &Ident,
+    open: &str,
+    close: &str,
+) -> Option<&'a str> {
+    let text = project.sources.get(name.span.source).text.as_str();
+    let at = name.span.start as usize;
+    // In an XML file it stands in a section of its own.
+    let (from, to) = if text.trim_start().starts_with('<') {
+        const SECTION: &str = "<![CDATA[";
+        let from = text.get(..at)?.rfind(SECTION)? + SECTION.len();
+        (from, at + text[at..].find("]]>")?)
+    } else {
+        (0, text.len())
+    };
+    let part = text.get(from..to)?;
+    let mut start = None;
+    for (offset, word) in words(part, 0) {
+        if from + offset < at {
+            if word.eq_ignore_ascii_case(open) {
+                start = Some(offset);
+            }
+        } else if word.eq_ignore_ascii_case(close) {
+            return part.get(start?..offset + word.len());
+        }
+    }
+    None
 }
 
 /// The whole `<pou>` element of a POU whose body is a diagram, a chart or a list: what has no ST text is kept as it was drawn.

@@ -46,7 +46,7 @@ pub fn write(
     for (element, is_type) in [("dataTypes", true), ("pous", false)] {
         xml.open(element, &[]);
         for item in items.iter().filter(|i| i.is_type == is_type) {
-            if is_type || wanted(|s| &s.pous, &item.original) {
+            if is_type || item.is_interface || wanted(|s| &s.pous, &item.original) {
                 xml.raw(&item.xml);
             }
         }

@@ -3,12 +3,13 @@
 //! The POUs of all MCs of a controller share one list in its project, but names may repeat between MCs. A unit can be written
 //! with some of its names changed; everything that refers to them changes with it.
 
-use super::body::{body_text, drawn, words};
+use super::body::{body_text, drawn, whole_text, words};
 use super::xml::Xml;
+use fam_soft_plc::WHOLE_TEXT_NAMESPACE;
 use fam_soft_plc::source::Span;
 use fam_soft_plc::syntax::ast::{
-    Expr, Init, Pou, PouKind, Project, TypeDecl, TypeSpec, TypeSpecKind, VarBlock, VarDecl,
-    VarSection,
+    Expr, Init, Interface, Pou, PouKind, Project, TypeDecl, TypeSpec, TypeSpecKind, VarBlock,
+    VarDecl, VarSection,
 };
 use fam_soft_plc::types::Elem;
 use std::collections::BTreeMap;
@@ -25,6 +26,8 @@ pub struct Item {
     pub original: String,
     /// Whether it is a data type.
     pub is_type: bool,
+    /// Whether it is an INTERFACE, which stands among the POUs.
+    pub is_interface: bool,
     /// Its element, without what is around it.
     pub xml: String,
 }
@@ -50,15 +53,24 @@ pub fn items_with(project: &Project, renames: &Renames, comments: Comments<'_>) 
         name: writer.name(&t.name.name),
         original: t.name.name.clone(),
         is_type: true,
+        is_interface: false,
         xml: writer.data_type(t),
     });
     let pous = project.pous.iter().map(|p| Item {
         name: writer.name(&p.name.name),
         original: p.name.name.clone(),
         is_type: false,
+        is_interface: false,
         xml: writer.pou(p),
     });
-    types.chain(pous).collect()
+    let interfaces = project.interfaces.iter().map(|i| Item {
+        name: writer.name(&i.name.name),
+        original: i.name.name.clone(),
+        is_type: false,
+        is_interface: true,
+        xml: writer.interface(i),
+    });
+    types.chain(interfaces).chain(pous).collect()
 }
 
 /// Writes the global variables of a project (VAR_GLOBAL blocks) as `globalVars` elements.
@@ -257,8 +269,11 @@ impl UnitWriter<'_> {
 
     fn named(&self, xml: &mut Xml, name: &str) {
         match Elem::from_name(name) {
-            Some(elem) => xml.empty(elem.name(), &[]),
-            None => xml.empty("derived", &[("name", &self.name(name))]),
+            // TC6 knows these two by their short names, and characters not at all.
+            Some(Elem::Tod) => xml.empty("TOD", &[]),
+            Some(Elem::Dt) => xml.empty("DT", &[]),
+            Some(elem) if !elem.is_char() => xml.empty(elem.name(), &[]),
+            _ => xml.empty("derived", &[("name", &self.name(name))]),
         }
     }
 
@@ -401,14 +416,68 @@ impl UnitWriter<'_> {
             // A function's own name is its result variable, and changes with it.
             variables.retain(|v| !v.eq_ignore_ascii_case(&pou.name.name));
         }
-        xml.open("body", &[]);
-        xml.open("ST", &[]);
-        let body = self.renamed(&body_text(self.project, pou), &variables);
-        xml.cdata("xhtml:p", &body);
-        xml.close();
-        xml.close();
+        let text = body_text(self.project, pou);
+        let is_chart = pou.kind != PouKind::Function
+            && words(&text, 0).any(|(_, w)| w.eq_ignore_ascii_case("INITIAL_STEP"));
+        let body = if is_chart {
+            String::new()
+        } else {
+            self.renamed(&text, &variables)
+        };
+        st_body(&mut xml, &body);
+        let class = &pou.class;
+        let is_class = class.extends.is_some()
+            || !class.implements.is_empty()
+            || !class.methods.is_empty()
+            || class.is_abstract
+            || class.is_final;
+        if is_class || is_chart {
+            let (open, close) = match pou.kind {
+                PouKind::Program => ("PROGRAM", "END_PROGRAM"),
+                _ => ("FUNCTION_BLOCK", "END_FUNCTION_BLOCK"),
+            };
+            if let Some(whole) = whole_text(self.project, &pou.name, open, close) {
+                whole_data(&mut xml, &self.renamed(whole, &variables));
+            }
+        }
         documentation(&mut xml, (self.comments)(pou.name.span));
         xml.close();
         xml.finish()
     }
+
+    /// An INTERFACE, for which TC6 has no element: a function block without anything, with the text beside it.
+    fn interface(&self, interface: &Interface) -> String {
+        let mut xml = Xml::fragment();
+        let name = self.name(&interface.name.name);
+        xml.open("pou", &[("name", &name), ("pouType", "functionBlock")]);
+        xml.empty("interface", &[]);
+        st_body(&mut xml, "");
+        let whole = whole_text(self.project, &interface.name, "INTERFACE", "END_INTERFACE");
+        whole_data(&mut xml, &self.renamed(whole.unwrap_or_default(), &[]));
+        xml.close();
+        xml.finish()
+    }
+}
+
+fn st_body(xml: &mut Xml, text: &str) {
+    xml.open("body", &[]);
+    xml.open("ST", &[]);
+    xml.cdata("xhtml:p", text);
+    xml.close();
+    xml.close();
+}
+
+/// What TC6 has no elements for (methods, inheritance, interfaces, textual charts) goes along as the whole text.
+fn whole_data(xml: &mut Xml, text: &str) {
+    xml.open("addData", &[]);
+    xml.open(
+        "data",
+        &[
+            ("name", WHOLE_TEXT_NAMESPACE),
+            ("handleUnknown", "preserve"),
+        ],
+    );
+    xml.cdata_with("st", &[("xmlns", WHOLE_TEXT_NAMESPACE)], text);
+    xml.close();
+    xml.close();
 }

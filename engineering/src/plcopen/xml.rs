@@ -97,7 +97,12 @@ impl Xml {
 
     /// An element with a text that people read and that is full of `<` and `&`.
     pub fn cdata(&mut self, name: &str, text: &str) {
-        self.event(Event::Start(Self::start(name, &[])));
+        self.cdata_with(name, &[], text);
+    }
+
+    /// The same with attributes.
+    pub fn cdata_with(&mut self, name: &str, attributes: &[(&str, &str)], text: &str) {
+        self.event(Event::Start(Self::start(name, attributes)));
         for part in BytesCData::escaped(text) {
             self.event(Event::CData(part));
         }

@@ -1,7 +1,11 @@
 //! Cells for tests: the shipped one, and changed copies of it.
 #![allow(dead_code)]
 
+use fam_engineering::build::{BuiltMc, compile_sources};
+use fam_engineering::generate::Names;
+use fam_engineering::plcopen::{mc_source, project_xml};
 use fam_engineering::{BuiltCell, Problems, build};
+use fam_soft_plc::layout::{CompileSpec, RegionSpec};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -68,4 +72,71 @@ pub fn hold(cases: &[Case]) {
         }
     }
     assert!(failures.is_empty(), "{failures}");
+}
+
+/// The specification that the MC was compiled with, from its layout.
+fn spec(mc: &BuiltMc) -> CompileSpec {
+    let names = Names::of(mc.mc.as_str());
+    let layout = &mc.compiled.layout;
+    let roots = |region: &str| {
+        let index = layout.region_index(region).unwrap();
+        let (mut programs, mut globals) = (Vec::<String>::new(), Vec::new());
+        for root in &layout.roots {
+            if root.area != fam_soft_plc::layout::Area::Region(index) {
+                continue;
+            }
+            match root.path.split_once('.') {
+                Some((program, _)) if !programs.iter().any(|p| p == program) => {
+                    programs.push(program.to_owned())
+                }
+                Some(_) => {}
+                None => globals.push(root.path.clone()),
+            }
+        }
+        RegionSpec {
+            name: region.to_owned(),
+            programs,
+            globals,
+        }
+    };
+    CompileSpec {
+        entry: names.control,
+        regions: vec![roots("checkpoint"), roots("state")],
+        ..CompileSpec::default()
+    }
+}
+
+/// Every MC, taken out of the project of each of its hosts, is the same MC.
+pub fn read_back(built: &BuiltCell) {
+    for controller in &built.model.controllers {
+        let project = project_xml(built, &controller.controller);
+        for mc in &built.mcs {
+            let hosts = &built.model.mc(&mc.mc).unwrap().hosts;
+            if !hosts.contains(&controller.controller) {
+                assert!(mc_source(&project, mc.mc.as_str()).is_err());
+                continue;
+            }
+            let source = mc_source(&project, mc.mc.as_str()).unwrap();
+            let again = compile_sources(&[source], &spec(mc)).unwrap_or_else(|problems| {
+                let texts: Vec<String> = problems.iter().map(ToString::to_string).collect();
+                panic!(
+                    "{} of {}: {}",
+                    mc.mc,
+                    controller.controller,
+                    texts.join("\n")
+                )
+            });
+            assert_eq!(
+                again.layout.hash(),
+                mc.compiled.layout.hash(),
+                "layout of {}",
+                mc.mc
+            );
+            assert_eq!(
+                again.logic_hash, mc.compiled.logic_hash,
+                "logic of {}",
+                mc.mc
+            );
+        }
+    }
 }

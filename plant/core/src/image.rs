@@ -16,6 +16,8 @@ pub const HOLDING_REGISTERS: u16 = 4;
 pub enum AddressError {
     #[error("there is no unit {unit}: the cell has units 1 (base) to 5 (transport)")]
     Unit { unit: u8 },
+    #[error("there is no unit {unit}: the machine has unit 1 only")]
+    OneUnit { unit: u8 },
     #[error("unit {unit} has no {table} {address}: the last one is {last}")]
     Address {
         unit: u8,

@@ -17,6 +17,9 @@ pub enum IncidentKind {
     IncompleteSet,
     WrongSet,
     WrongOrder,
+    BadMark,
+    MarkedTwice,
+    NotMarked,
 }
 
 impl IncidentKind {
@@ -31,6 +34,9 @@ impl IncidentKind {
             IncidentKind::IncompleteSet => "incomplete-set",
             IncidentKind::WrongSet => "wrong-set",
             IncidentKind::WrongOrder => "wrong-order",
+            IncidentKind::BadMark => "bad-mark",
+            IncidentKind::MarkedTwice => "marked-twice",
+            IncidentKind::NotMarked => "not-marked",
         }
     }
 }
@@ -40,7 +46,7 @@ impl IncidentKind {
 pub struct Incident {
     /// Simulated time since power-up.
     pub at_us: u64,
-    /// Modbus unit: 1 to 4 stations, 5 transport.
+    /// Modbus unit: 1 to 4 stations, 5 transport; 6 for the marking machine.
     pub unit: u8,
     pub kind: IncidentKind,
     /// What happened, for people.
@@ -55,6 +61,7 @@ impl fmt::Display for Incident {
             2 => "station 2 (bearing and shaft)",
             3 => "station 3 (lid)",
             4 => "station 4 (storage)",
+            6 => "marking machine",
             _ => "transport",
         };
         write!(

@@ -1,4 +1,5 @@
-//! The simulated FMS-200 flexible assembly cell: four stations and a transport loop as pure, seeded mechanics.
+//! Simulated machines as pure, seeded mechanics: the FMS-200 flexible assembly cell with its four stations and its transport loop,
+//! and the [marking machine](marking).
 //!
 //! [`Plant`] holds the whole cell. [`Plant::step`] lets simulated time pass, in ticks of 1 ms; between steps a controller reads and
 //! writes the process image of each unit, as `deploy/fms200/REGISTERS.md` documents it. There is no clock, no randomness and no input or
@@ -28,6 +29,8 @@ mod hand;
 mod image;
 mod incident;
 mod lane;
+mod machine;
+pub mod marking;
 mod order;
 mod part;
 mod plant;
@@ -40,6 +43,8 @@ pub use image::{
     AddressError, COILS, DISCRETE_INPUTS, HOLDING_REGISTERS, INPUT_REGISTERS, UnitImage,
 };
 pub use incident::{Incident, IncidentKind};
+pub use machine::{MachineKind, Mechanics, machine};
+pub use marking::MarkingMachine;
 pub use order::Variant;
 pub use part::{BearingHeight, LidHeight, Material, Part, PartId, PartKind, Shape};
 pub use plant::{ConfigError, PALLETS_MAX, Plant, PlantConfig, TICK_US, UNITS};

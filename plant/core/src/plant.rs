@@ -8,6 +8,7 @@ use crate::feeding::FeedingStation;
 use crate::fitting::FittingStation;
 use crate::image::{AddressError, COILS, HOLDING_REGISTERS, UnitImage};
 use crate::incident::Incident;
+use crate::machine::MachineKind;
 use crate::order::Variant;
 use crate::records::{Ledger, PartPlaces, Product, Records};
 use crate::signals::{CLOCK, transport as at};
@@ -27,6 +28,8 @@ const TRANSPORT: usize = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlantConfig {
+    /// Which machine is simulated.
+    pub machine: MachineKind,
     /// Decides what parts come out of the magazines and what is ordered.
     pub seed: u64,
     /// Pallets on the loop, 1 to [`PALLETS_MAX`].
@@ -38,6 +41,7 @@ pub struct PlantConfig {
 impl Default for PlantConfig {
     fn default() -> Self {
         PlantConfig {
+            machine: MachineKind::Fms200,
             seed: 200,
             pallets: 5,
             orders: u16::MAX,
@@ -255,7 +259,7 @@ fn unit_index(unit: u8) -> Result<usize, AddressError> {
     }
 }
 
-fn check_range(
+pub(crate) fn check_range(
     unit: u8,
     table: &'static str,
     address: u16,

@@ -17,13 +17,15 @@ use crate::syntax::ast::{
 };
 use crate::syntax::literal;
 use crate::syntax::parse_il::parse_il;
-use crate::syntax::parser::parse_body;
+use crate::syntax::parser::{parse_body, parse_declarations};
 
 const TC6_NAMESPACES: [&str; 2] = [
     "http://www.plcopen.org/xml/tc6_0201",
     "http://www.plcopen.org/xml/tc6_0200",
 ];
 const TC6_V1_NAMESPACE: &str = "http://www.plcopen.org/xml/tc6.xsd";
+/// Additional data with the whole text of a POU in ST: TC6 has no elements for methods, inheritance, interfaces and textual charts.
+pub const WHOLE_TEXT_NAMESPACE: &str = "urn:fam:st:1";
 const IEC_61131_10_NAMESPACE: &str = "www.iec.ch/public/TC65SC65BWG7TF10";
 
 /// Whether the text is XML rather than Structured Text.
@@ -215,6 +217,15 @@ impl Reader<'_> {
             return;
         };
         self.pou = Some(name.name.clone());
+        let whole = node
+            .descendants()
+            .find(|n| n.has_tag_name((WHOLE_TEXT_NAMESPACE, "st")));
+        if let Some(whole) = whole {
+            let part = self.text_part(whole);
+            let problems = parse_declarations(part.source, &part.text, part.base, project);
+            self.problems.extend(problems);
+            return;
+        }
         let kind = match node.attribute("pouType") {
             Some("program") => PouKind::Program,
             Some("function") => PouKind::Function,

@@ -37,6 +37,18 @@ pub fn parse_text(source: u32, text: &str, project: &mut Project, library: bool)
     parser.problems
 }
 
+/// Parses declarations, POUs among them, that stand at byte `base` of their source, into `project`.
+pub fn parse_declarations(
+    source: u32,
+    text: &str,
+    base: usize,
+    project: &mut Project,
+) -> Vec<Problem> {
+    let mut parser = Parser::new(source, text, base);
+    parser.file(project, false);
+    parser.problems
+}
+
 /// Parses the statements of a POU body that stands at byte `base` of its source.
 pub fn parse_body(source: u32, text: &str, base: usize, pou: &str) -> (Vec<Stmt>, Vec<Problem>) {
     let mut parser = Parser::new(source, text, base);

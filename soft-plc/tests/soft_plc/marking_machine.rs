@@ -26,6 +26,7 @@ impl Machine {
             "marking-machine/temperature_control.st",
             &format!("marking-machine/{policy}"),
             "marking-machine/monitor.st",
+            "marking-machine/alone.st",
             "marking-machine/plant.st",
         ]
         .iter()
@@ -88,9 +89,9 @@ fn packs_are_marked_warm_and_without_forbidden_sequences() {
         assert_eq!(m.get("Plant.badMarks"), 0);
         assert!(m.get("Plant.goodMarks") >= marked);
         for path in [
-            "PolicyMonitor.ramDownWhileBelt",
-            "PolicyMonitor.beltWhileDown",
-            "PolicyMonitor.noAnswer",
+            "PolicyMonitor.watch.ramDownWhileBelt",
+            "PolicyMonitor.watch.beltWhileDown",
+            "PolicyMonitor.watch.noAnswer",
             "Marking.Pack.FaultType",
             "Marking.Mark.FaultType",
             "Marking.TempCont.FaultType",
@@ -138,18 +139,79 @@ fn faults_are_found_while_an_actuator_is_idle() {
     assert_eq!(m.get("Marking.TempCont.FaultType"), 2, "SensorFault");
 }
 
+/// Commands as a policy must not give them, each for a while; then what the monitor has counted.
+fn watched(commands: &[(&str, i64)]) -> [i128; 3] {
+    let program = "PROGRAM M VAR Belt, RamDown, RamUp, AtPack : BOOL; watch : PolicyWatch; END_VAR\n\
+         watch(Belt := Belt, RamDown := RamDown, RamUp := RamUp, AtPack := AtPack); END_PROGRAM";
+    let files = [
+        SourceFile::new("monitor.st", text("marking-machine/monitor.st")),
+        SourceFile::new("m.st", program),
+    ];
+    let prepared =
+        standalone::prepare(&files, &Options::default()).unwrap_or_else(|d| panic!("{}", show(&d)));
+    let engine = Engine::new(EngineOptions::default()).expect("engine");
+    let module = engine.prepare(&prepared.mc).expect("module");
+    let mut m = Machine {
+        instance: Instance::new(&engine, &module).expect("instance"),
+        scan: 0,
+    };
+    for (on, scans) in commands {
+        for name in ["Belt", "RamDown", "RamUp", "AtPack"] {
+            let on = on.split(' ').any(|n| n == name);
+            m.instance
+                .write(&format!("M.{name}"), Value::Bool(on))
+                .expect(name);
+        }
+        m.run(*scans);
+    }
+    ["ramDownWhileBelt", "beltWhileDown", "noAnswer"].map(|n| m.get(&format!("M.watch.{n}")))
+}
+
+#[test]
+fn the_monitor_reports_forbidden_sequences_and_missing_responses() {
+    let table: [(&[(&str, i64)], [i128; 3]); 6] = [
+        // As it should be: in, down, up and out at once.
+        (
+            &[
+                ("Belt", 200),
+                ("RamDown", 40),
+                ("AtPack", 20),
+                ("Belt RamUp AtPack", 5),
+                ("Belt RamUp", 30),
+            ],
+            [0, 0, 0],
+        ),
+        // The tool comes down before the pack stands; twice.
+        (
+            &[
+                ("Belt", 50),
+                ("Belt RamDown", 10),
+                ("Belt", 10),
+                ("Belt RamDown", 10),
+            ],
+            [2, 0, 0],
+        ),
+        // The pack is drawn away before the tool is lifted.
+        (&[("AtPack", 20), ("Belt AtPack", 10)], [0, 1, 0]),
+        // A drive that reaches nothing, by one scan more than is allowed, and not.
+        (&[("Belt", 802)], [0, 0, 1]),
+        (&[("Belt", 799)], [0, 0, 0]),
+        (&[("RamDown", 402), ("", 1), ("RamUp", 402)], [0, 0, 2]),
+    ];
+    for (commands, expected) in table {
+        assert_eq!(watched(commands), expected, "{commands:?}");
+    }
+}
+
 #[test]
 fn each_modification_changes_one_text_and_nothing_else() {
-    // The policy names no sensor and no drive in its chart, the actuators name no product.
-    let chart = |name: &str| -> String {
-        let text = text(name);
-        text[text.find("FUNCTION_BLOCK MarkingPolicy").expect("chart")..].to_owned()
-    };
+    // The policy names no sensor and no drive, the actuators name no product.
     for name in [
         "marking-machine/policy.st",
         "marking-machine/policy_two_products.st",
     ] {
-        let chart = chart(name);
+        let text = text(name);
+        let chart = &text[text.find("FUNCTION_BLOCK MarkingPolicy").expect("chart")..];
         for word in ["Sensor", "Motor", "Port", "DelayTime"] {
             assert!(!chart.contains(word), "{name} names {word}");
         }

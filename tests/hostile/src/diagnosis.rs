@@ -31,7 +31,7 @@ fn file(bytes: &[u8]) {
 fn file(_bytes: &[u8]) {}
 
 /// The decision is made, and is the one of the first interval that holds.
-fn decide(diagnosis: &Diagnosis, checkpoint: &[u8]) {
+pub(crate) fn decide(diagnosis: &Diagnosis, checkpoint: &[u8]) {
     let found = diagnosis.critical_interval(checkpoint);
     if let Some(found) = found {
         let state = &checkpoint[diagnosis.state_offset as usize..];

@@ -8,6 +8,8 @@
 mod agents;
 mod cell;
 mod diagnosis;
+#[cfg(feature = "diagnosis-file")]
+mod models;
 mod pieces;
 mod records;
 mod repository;
@@ -17,6 +19,8 @@ mod wire;
 pub use agents::agents;
 pub use cell::{cell, gateway_id, mc_id, owner};
 pub use diagnosis::diagnosis;
+#[cfg(feature = "diagnosis-file")]
+pub use models::{amlx, caex, diagnosis_file, plcopen};
 pub use records::records;
 pub use repository::repository;
 pub use wire::{checkpoint, frame, image, message};
@@ -34,4 +38,13 @@ pub const TARGETS: [Target; 8] = [
     ("repository", repository),
     ("diagnosis", diagnosis),
     ("agents", agents),
+];
+
+/// Readers of model files.
+#[cfg(feature = "diagnosis-file")]
+pub const MODEL_TARGETS: [Target; 4] = [
+    ("caex", caex),
+    ("amlx", amlx),
+    ("plcopen", plcopen),
+    ("diagnosis_file", diagnosis_file),
 ];

@@ -44,6 +44,9 @@ const GOLDEN: [(&str, &str); 7] = [
 ];
 
 /// A diagnosis file as the engineering tool writes it.
+#[cfg(feature = "diagnosis-file")]
+mod models;
+
 const DIAGNOSIS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <diagnosis xmlns="urn:fam:diagnosis:1" mc="Station1" stateOffset="16" stateLength="24" checkpointLength="40" stopAction="4">
   <state><variable name="Step" type="DINT" offset="16"/></state>
@@ -542,6 +545,8 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
             seeds.push(vec![5, 7, 0, 0x15, 1, 0, 7, 255, 255, 13, 1, 0]);
             seeds
         }
+        #[cfg(feature = "diagnosis-file")]
+        "caex" | "amlx" | "plcopen" | "diagnosis_file" => models::of(target),
         _ => Vec::new(),
     }
 }

@@ -1,12 +1,16 @@
 //! Every decoder under random and under mutated bytes, on the stable toolchain: what the fuzz targets do at length.
 
-use fam_hostile::{TARGETS, seeds};
+use fam_hostile::{MODEL_TARGETS, TARGETS, Target, seeds};
 use proptest::prelude::*;
 use std::path::Path;
 
+fn targets() -> impl Iterator<Item = Target> {
+    TARGETS.into_iter().chain(MODEL_TARGETS)
+}
+
 #[test]
 fn every_seed_is_stood() {
-    for (name, target) in TARGETS {
+    for (name, target) in targets() {
         let seeds = seeds::of(name);
         assert!(seeds.len() > 1, "{name} has no seeds");
         for seed in seeds {
@@ -21,7 +25,7 @@ fn every_seed_is_stood() {
 fn everything_in_the_corpus_is_stood() {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus");
     let mut inputs = 0;
-    for (name, target) in TARGETS {
+    for (name, target) in targets() {
         let folder = corpus.join(name);
         for entry in
             std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()))
@@ -34,7 +38,7 @@ fn everything_in_the_corpus_is_stood() {
 }
 
 fn stands(name: &str, random: bool) {
-    let (_, target) = TARGETS.into_iter().find(|(n, _)| *n == name).unwrap();
+    let (_, target) = targets().find(|(n, _)| *n == name).unwrap();
     let seeds = seeds::of(name);
     let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig {
         cases: 1_500,
@@ -80,5 +84,16 @@ macro_rules! stands {
 }
 
 stands!(
-    message, frame, checkpoint, image, records, repository, diagnosis, agents
+    message,
+    frame,
+    checkpoint,
+    image,
+    records,
+    repository,
+    diagnosis,
+    agents,
+    caex,
+    amlx,
+    plcopen,
+    diagnosis_file
 );

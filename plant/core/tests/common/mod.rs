@@ -15,6 +15,7 @@ pub fn plant(seed: u64) -> Plant {
         seed,
         pallets: 5,
         orders: 1000,
+        ..PlantConfig::default()
     })
     .expect("a valid configuration")
 }

@@ -1,6 +1,6 @@
 //! The cell that a seed chooses: controllers, MCs, hosting, cycles, limits.
 
-use super::fms200;
+use super::delivered;
 use super::logic::Logic;
 use super::random::Random;
 use fam_node_core::McSpec;
@@ -222,7 +222,7 @@ fn mc(
     };
     let mut logic = Logic::Model { padding };
     if size.plc {
-        let (delivered, plc) = fms200::logic(n);
+        let (delivered, plc) = delivered::logic(n);
         model.layout = delivered.layout;
         model.hash = delivered.hash;
         model.diagnosis = delivered.diagnosis.clone();

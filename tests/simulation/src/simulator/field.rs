@@ -1,9 +1,9 @@
-//! The field: inputs that change with time for invented cells, the real plant step for the FMS-200 cell.
+//! The field: inputs that change with time for invented cells, the real plant step for delivered cells.
 
 use super::cell::{Cell, McInfo};
 use super::logic::Logic;
 use fam_gateway_core::place;
-use fam_plant_core::{Plant, PlantConfig};
+use fam_plant_core::{PlantConfig, machine};
 use fam_proto::McInputs;
 use fam_proto::model::{FieldPoint, InputSource, ModbusTable};
 use std::collections::BTreeMap;
@@ -17,12 +17,12 @@ pub(super) struct Field {
     reads: u64,
     /// First input byte that makes an MC's logic trap.
     pub traps: BTreeMap<usize, u8>,
-    /// The mechanics, for the FMS-200 cell.
-    plant: Option<Box<Mechanics>>,
+    /// The mechanics, for delivered cells.
+    plant: Option<Mechanics>,
 }
 
 struct Mechanics {
-    plant: Plant,
+    plant: Box<dyn fam_plant_core::Mechanics>,
     at_us: u64,
 }
 
@@ -45,15 +45,11 @@ impl Field {
         }
     }
 
-    pub(super) fn fms200(seed: u64) -> Field {
-        let config = PlantConfig {
-            seed,
-            pallets: 5,
-            ..PlantConfig::default()
-        };
-        let plant = Plant::new(config).expect("the plant's own configuration");
+    /// A machine that is simulated in earnest.
+    pub(super) fn of(config: PlantConfig) -> Field {
+        let plant = machine(config).expect("the plant's own configuration");
         Field {
-            plant: Some(Box::new(Mechanics { plant, at_us: 0 })),
+            plant: Some(Mechanics { plant, at_us: 0 }),
             ..Field::invented()
         }
     }
@@ -63,12 +59,13 @@ impl Field {
         self.reads += 1;
         if let Some(mechanics) = &mut self.plant {
             mechanics.go_on(now_us);
+            mechanics.plant.heard();
         }
         let mcs = cell.mcs.iter().enumerate();
         mcs.map(|(n, info)| McInputs {
             mc: info.mc.clone(),
             bytes: match &self.plant {
-                Some(mechanics) => sensed(&mechanics.plant, info),
+                Some(mechanics) => sensed(mechanics.plant.as_ref(), info),
                 None => self.counted(n, info),
             },
             fresh,
@@ -109,6 +106,7 @@ impl Field {
             return Ok(());
         };
         mechanics.go_on(now_us);
+        mechanics.plant.heard();
         for output in &info.model.outputs {
             let Some(FieldPoint::Modbus {
                 unit,
@@ -142,13 +140,11 @@ impl Field {
 
     /// Products that the plant has finished.
     pub(super) fn products(&self) -> u64 {
-        self.plant
-            .as_ref()
-            .map_or(0, |m| m.plant.products().len() as u64)
+        self.plant.as_ref().map_or(0, |m| m.plant.finished())
     }
 }
 
-fn sensed(plant: &Plant, info: &McInfo) -> Vec<u8> {
+fn sensed(plant: &dyn fam_plant_core::Mechanics, info: &McInfo) -> Vec<u8> {
     let mut bytes = vec![0; info.model.inputs_len as usize];
     for input in &info.model.inputs {
         let InputSource::Field(FieldPoint::Modbus {

@@ -12,9 +12,9 @@
 
 mod canary;
 mod cell;
+mod delivered;
 mod faults;
 mod field;
-mod fms200;
 mod gateway;
 mod generate;
 mod lives;

@@ -1,10 +1,11 @@
 //! Profiles: which cells are simulated, and how much goes wrong in them.
 
 use super::cell::{Cell, Size};
+use super::delivered::{fms200, marking};
 use super::field::Field;
-use super::fms200::fms200;
 use super::generate::Trouble;
 use super::random::Random;
+use fam_plant_core::{MachineKind, PlantConfig};
 use serde::{Deserialize, Serialize};
 
 /// A profile.
@@ -21,16 +22,19 @@ pub enum Profile {
     Plc,
     /// The FMS-200 cell with its delivered logic and the real plant step: an incident is a violation.
     Fms200,
+    /// The marking machine with its delivered logic and plant, likewise.
+    Marking,
 }
 
 impl Profile {
     /// All of them.
-    pub const ALL: [Profile; 5] = [
+    pub const ALL: [Profile; 6] = [
         Profile::Default,
         Profile::Harsh,
         Profile::Large,
         Profile::Plc,
         Profile::Fms200,
+        Profile::Marking,
     ];
 
     /// Its name, as on a command line.
@@ -42,6 +46,7 @@ impl Profile {
             Profile::Large => "large",
             Profile::Plc => "plc",
             Profile::Fms200 => "fms200",
+            Profile::Marking => "marking",
         }
     }
 
@@ -59,6 +64,7 @@ impl Profile {
             Profile::Large => size((6, 50), (9, 200), 4, false),
             Profile::Plc => size((2, 4), (1, 5), 4, true),
             Profile::Fms200 => return fms200(),
+            Profile::Marking => return marking(),
         };
         Cell::choose(&size, random)
     }
@@ -83,7 +89,7 @@ impl Profile {
                 faults: (10, 40),
                 ..trouble
             },
-            Profile::Fms200 => Trouble {
+            Profile::Fms200 | Profile::Marking => Trouble {
                 from_us: 1_000_000,
                 to_us: 20_000_000,
                 faults: (6, 30),
@@ -95,7 +101,16 @@ impl Profile {
 
     pub(super) fn field(self, seed: u64) -> Field {
         match self {
-            Profile::Fms200 => Field::fms200(seed),
+            Profile::Fms200 => Field::of(PlantConfig {
+                seed,
+                pallets: 5,
+                ..PlantConfig::default()
+            }),
+            Profile::Marking => Field::of(PlantConfig {
+                seed,
+                machine: MachineKind::Marking,
+                ..PlantConfig::default()
+            }),
             _ => Field::invented(),
         }
     }
@@ -109,7 +124,7 @@ impl Profile {
     pub(super) fn bound_us(self) -> u64 {
         match self {
             Profile::Default | Profile::Harsh | Profile::Plc => 8_000_000,
-            Profile::Large | Profile::Fms200 => 12_000_000,
+            Profile::Large | Profile::Fms200 | Profile::Marking => 12_000_000,
         }
     }
 }

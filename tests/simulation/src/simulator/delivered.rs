@@ -1,42 +1,63 @@
-//! The FMS-200 cell as it is delivered: its model, its compiled logic, prepared once for all schedules of a process.
+//! Cells as they are delivered: their models, their compiled logic, prepared once for all schedules of a process.
 
 use super::cell::{Cell, McInfo};
 use super::logic::{Logic, PlcLogic};
-use fam_engineering::BuiltMc;
+use fam_engineering::{BuiltCell, BuiltMc, build};
 use fam_node_core::{ControlOffsets, McSpec};
-use fam_proto::model::McModel;
+use fam_proto::model::{CellModel, McModel};
 use fam_soft_plc::{Engine, EngineOptions, Interruption};
+use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// The delivered logic of all MCs, in the order of the model.
-fn logics() -> &'static [(McModel, Arc<PlcLogic>)] {
-    static LOGICS: OnceLock<Vec<(McModel, Arc<PlcLogic>)>> = OnceLock::new();
-    LOGICS.get_or_init(|| {
-        let built = &crate::closed_loop::cell().built;
-        // Endless loops are the node's own tests' matter.
-        let engine = Engine::new(EngineOptions {
-            interruption: Interruption::None,
-        })
-        .expect("an engine");
-        let prepared = built.model.mcs.iter().map(|model| {
-            let mc = built.mc(&model.mc).expect("each MC of the model is built");
-            let logic = PlcLogic {
-                module: engine.prepare(&mc.compiled).expect("a module"),
-                engine: engine.clone(),
-                checkpoint: mc.checkpoint_region(),
-                spec: spec(model, mc),
-            };
-            (model.clone(), Arc::new(logic))
-        });
-        prepared.collect()
+/// The delivered logic of all MCs of a cell, in the order of its model.
+type Logics = Vec<(McModel, Arc<PlcLogic>)>;
+
+fn prepared(built: &BuiltCell) -> Logics {
+    // Endless loops are the node's own tests' matter.
+    let engine = Engine::new(EngineOptions {
+        interruption: Interruption::None,
     })
+    .expect("an engine");
+    let prepared = built.model.mcs.iter().map(|model| {
+        let mc = built.mc(&model.mc).expect("each MC of the model is built");
+        let logic = PlcLogic {
+            module: engine.prepare(&mc.compiled).expect("a module"),
+            engine: engine.clone(),
+            checkpoint: mc.checkpoint_region(),
+            spec: spec(model, mc),
+        };
+        (model.clone(), Arc::new(logic))
+    });
+    prepared.collect()
 }
 
-/// The delivered cell.
+fn fms200_logics() -> &'static Logics {
+    static LOGICS: OnceLock<Logics> = OnceLock::new();
+    LOGICS.get_or_init(|| prepared(&crate::closed_loop::cell().built))
+}
+
+/// The FMS-200 cell.
 #[must_use]
 pub fn fms200() -> Cell {
-    let model = &crate::closed_loop::cell().built.model;
-    let mcs = logics().iter().map(|(mc, logic)| {
+    cell(&crate::closed_loop::cell().built.model, fms200_logics())
+}
+
+/// The marking machine, built at the first call.
+#[must_use]
+pub fn marking() -> Cell {
+    static CELL: OnceLock<(BuiltCell, Logics)> = OnceLock::new();
+    let (built, logics) = CELL.get_or_init(|| {
+        let path =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/marking-machine/cell.toml");
+        let built = build(&path).unwrap_or_else(|problems| panic!("{problems}"));
+        let logics = prepared(&built);
+        (built, logics)
+    });
+    cell(&built.model, logics)
+}
+
+fn cell(model: &CellModel, logics: &Logics) -> Cell {
+    let mcs = logics.iter().map(|(mc, logic)| {
         let hosts = mc.hosts.iter().filter_map(|host| {
             let at = model.controllers.iter();
             at.clone().position(|c| c.controller == *host)
@@ -62,10 +83,10 @@ pub fn fms200() -> Cell {
     }
 }
 
-/// The logic of the `n`-th MC, for cells of one's own: it takes turns.
+/// The logic of the `n`-th MC of the FMS-200 cell, for cells of one's own: it takes turns.
 #[must_use]
 pub fn logic(n: usize) -> (&'static McModel, Arc<PlcLogic>) {
-    let all = logics();
+    let all = fms200_logics();
     let (model, logic) = &all[n % all.len()];
     (model, logic.clone())
 }

@@ -1,6 +1,6 @@
-//! Writes the seeds of all targets into a folder: `cargo run -p fam-hostile --example seeds -- tests/fuzz/corpus`.
+//! Writes the seeds of all targets into a folder: `cargo run -p fam-hostile --example corpus -- tests/fuzz/corpus`.
 
-use fam_hostile::{TARGETS, seeds};
+use fam_hostile::{MODEL_TARGETS, TARGETS, seeds};
 use std::path::PathBuf;
 
 fn main() -> std::io::Result<()> {
@@ -9,7 +9,7 @@ fn main() -> std::io::Result<()> {
             .nth(1)
             .unwrap_or_else(|| "tests/fuzz/corpus".to_owned()),
     );
-    for (name, _) in TARGETS {
+    for (name, _) in TARGETS.into_iter().chain(MODEL_TARGETS) {
         let folder = root.join(name);
         std::fs::create_dir_all(&folder)?;
         for (n, seed) in seeds::of(name).iter().enumerate() {

@@ -4,140 +4,39 @@
 //! MCs (exports, writers); for each MC (in parallel) work out the masks, generate the POUs, compile. Every stage collects
 //! its problems, so that one run shows all that is wrong. The same files give the same result, whatever the machine.
 
+mod built;
+mod finish;
+mod sizes;
+
+pub(crate) use built::type_name;
+pub use built::{BuiltCell, BuiltMc, IntervalText, StateVariable};
+
+use crate::actuators;
 use crate::caex::hints::retell;
-use crate::control::ControlLayout;
 use crate::files::ModelFiles;
 use crate::generate::{
     Copy, Names, Plan, PlanInterval, REGION_CHECKPOINT, REGION_STATE, Target, generate, portable,
-    stop_number,
 };
-use crate::intervals::{Interval, intervals};
+use crate::intervals::{Interval, State, intervals};
 use crate::io::{self, Image};
 use crate::logic::{self, Logic};
 use crate::model::open::{Opened, open};
 use crate::model::{Cell, McSpec, resolve};
-use crate::narrow::{Narrowed, narrowed};
+use crate::narrow::narrowed;
 use crate::problem::{Explain, Problems};
-use fam_proto::codec::MESSAGE_BYTES_MAX;
-use fam_proto::diagnosis::{CriticalInterval, Diagnosis};
-use fam_proto::model::{CellModel, McModel};
-use fam_proto::{LayoutHash, McId};
+use fam_proto::model::CellModel;
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
-use fam_soft_plc::layout::{
-    Area, CompileSpec, Layout, RegionSpec, TypeNode, VariableInfo, WORK_REGION, layout_of,
-};
+use fam_soft_plc::layout::{Area, CompileSpec, Layout, RegionSpec, WORK_REGION, layout_of};
 use fam_soft_plc::project::parse_project;
 use fam_soft_plc::source::SourceFile;
 use fam_soft_plc::types::Elem;
 use fam_soft_plc::{CompiledMc, compile};
+use finish::{fail_safe, finish, mc_hash, mc_model};
+use sizes::sizes;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use xxhash_rust::xxh3::Xxh3;
-
-/// Header of a frame or image beside its bytes, in bytes, at most.
-const HEADER_BYTES_MAX: usize = 1024;
-
-/// A cell, ready to run.
-#[derive(Debug, Clone)]
-pub struct BuiltCell {
-    /// What all processes read.
-    pub model: CellModel,
-    /// MCs, in the order of `model.mcs`.
-    pub mcs: Vec<BuiltMc>,
-    /// What is worth a look, but stops nothing.
-    pub warnings: Vec<Diagnostic>,
-}
-
-impl BuiltCell {
-    /// An MC.
-    #[must_use]
-    pub fn mc(&self, mc: &McId) -> Option<&BuiltMc> {
-        self.mcs.iter().find(|m| &m.mc == mc)
-    }
-}
-
-/// An MC, ready to run.
-#[derive(Debug, Clone)]
-pub struct BuiltMc {
-    /// Its name.
-    pub mc: McId,
-    /// Its main PROGRAM.
-    pub program: String,
-    /// Its cycle, in microseconds.
-    pub cycle_us: u32,
-    /// The module: entry is `<MC>_Control`; regions `checkpoint`, `state`, `work`.
-    pub compiled: CompiledMc,
-    /// Where the control variables lie in the checkpoint.
-    pub control: ControlLayout,
-    /// Checkpoint of an MC without history: all variables at their initial values.
-    pub initial_checkpoint: Vec<u8>,
-    /// Masks and actions.
-    pub diagnosis: Diagnosis,
-    /// Intervals as people wrote them, in the order of `diagnosis.intervals`.
-    pub intervals: Vec<IntervalText>,
-    /// Variables of the serialized state, arrays whole.
-    pub state_variables: Vec<StateVariable>,
-    /// All sources, the generated one last.
-    pub sources: Vec<SourceFile>,
-    /// ST of the three generated POUs.
-    pub control_st: String,
-}
-
-/// A critical interval for the diagnosis file.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct IntervalText {
-    /// Condition in ST.
-    pub condition: String,
-    /// Checkpoint state: variable and value as text.
-    pub checkpoint_state: Vec<(String, String)>,
-}
-
-/// A variable of the serialized state.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct StateVariable {
-    /// Dotted path, such as `Station1.timer.ET`.
-    pub path: String,
-    /// Type as ST writes it.
-    pub type_name: String,
-    /// Offset in the serialized state, in bytes.
-    pub offset: u32,
-    /// Whether a warm reset keeps it.
-    pub retain: bool,
-    /// Bytes that it takes.
-    pub len: u32,
-}
-
-impl BuiltMc {
-    /// Number of the region `checkpoint` in the module's layout.
-    #[must_use]
-    pub fn checkpoint_region(&self) -> usize {
-        self.compiled
-            .layout
-            .region_index(REGION_CHECKPOINT)
-            .unwrap_or(0)
-    }
-
-    /// Checkpoint for a warm reset: initial values, but retained variables as in `last`.
-    #[must_use]
-    pub fn warm_checkpoint(&self, last: &[u8]) -> Vec<u8> {
-        let mut checkpoint = self.initial_checkpoint.clone();
-        if last.len() != checkpoint.len() {
-            return checkpoint;
-        }
-        for variable in self.state_variables.iter().filter(|v| v.retain) {
-            let from = (self.control.state.start + variable.offset) as usize;
-            let range = from..from + variable.len as usize;
-            if let (Some(target), Some(source)) =
-                (checkpoint.get_mut(range.clone()), last.get(range))
-            {
-                target.copy_from_slice(source);
-            }
-        }
-        checkpoint
-    }
-}
 
 /// Builds a cell from its model: `cell.toml`, AutomationML (`.aml`) or a container (`.amlx`).
 ///
@@ -295,9 +194,10 @@ fn front(cell: &Cell, index: usize, files: &ModelFiles) -> Front {
     let mc = &cell.mcs[index];
     let mut problems = Vec::new();
     let logic = logic::load(cell, mc, files, &mut problems);
-    let image = logic
-        .as_ref()
-        .map(|logic| io::image(cell, mc, logic, &mut problems));
+    let image = logic.as_ref().map(|logic| {
+        actuators::check(cell, mc, &logic.typed, &mut problems);
+        io::image(cell, mc, logic, &mut problems)
+    });
     Front {
         logic,
         image,
@@ -365,14 +265,17 @@ fn back(
         Some((found.offset, found.ty.elem()?))
     };
     let in_state = |path: &str| anywhere(path).filter(|(offset, _)| !narrowed.contains(*offset));
-    let found = intervals(
-        cell,
-        mc,
-        logic,
-        &in_state,
-        &layout.initial[state_index],
-        problems,
-    );
+    let offset = |path: &str| -> Option<u32> {
+        let found = layout.find(path)?;
+        (found.area == Area::Region(state_index)).then_some(found.offset)
+    };
+    let initial = &layout.initial[state_index];
+    let state = State {
+        locate: &in_state,
+        contains: &|path| offset(path).is_some_and(|at| !narrowed.contains(at)),
+        initial,
+    };
+    let found = intervals(cell, mc, logic, state, problems);
     if !good
         || problems[before..]
             .iter()
@@ -382,7 +285,11 @@ fn back(
     }
     let intervals: Vec<Interval> = found.into_iter().flatten().collect();
     let state_len = layout.regions[state_index].len;
-    let copy = match copy(mc, logic, target, &anywhere) {
+    let memory = portable::Memory {
+        offset: &offset,
+        initial,
+    };
+    let copy = match copy(mc, logic, target, memory) {
         Ok(copy) => copy,
         Err(e) => {
             let problem = cell
@@ -452,7 +359,7 @@ fn copy(
     mc: &McSpec,
     logic: &Logic,
     target: Target,
-    in_state: &dyn Fn(&str) -> Option<(u32, Elem)>,
+    memory: portable::Memory<'_>,
 ) -> Result<Copy, portable::PortableError> {
     match target {
         Target::Fam => Ok(Copy::Block),
@@ -461,7 +368,7 @@ fn copy(
             &logic.programs,
             &logic.state_globals,
             &Names::of(mc.mc.as_str()).state,
-            &|path| in_state(path).map(|(offset, _)| offset),
+            memory,
         )
         .map(Copy::Statements),
     }
@@ -495,208 +402,4 @@ pub fn compile_sources(
     };
     let typed = check(&project, options)?;
     compile(&typed, spec)
-}
-
-fn finish(
-    mc: &McSpec,
-    intervals: &[Interval],
-    compiled: CompiledMc,
-    sources: Vec<SourceFile>,
-    control_st: String,
-    narrowed: &Narrowed,
-) -> BuiltMc {
-    let layout = &compiled.layout;
-    let control = ControlLayout::of(mc.mc.as_str(), layout);
-    let checkpoint = layout.region_index(REGION_CHECKPOINT).unwrap_or(0);
-    let state = layout.region_index(REGION_STATE).unwrap_or(0);
-    let mut initial_checkpoint = layout.initial[checkpoint].clone();
-    initial_checkpoint[control.state.start as usize..control.state.end as usize]
-        .copy_from_slice(&layout.initial[state]);
-    let diagnosis = Diagnosis {
-        state_offset: control.state.start,
-        checkpoint_len: layout.regions[checkpoint].len,
-        intervals: mc
-            .intervals
-            .iter()
-            .zip(intervals)
-            .zip(1..)
-            .map(|((spec, interval), action)| CriticalInterval {
-                name: spec.name.get_ref().clone(),
-                rows: interval.rows.clone(),
-                kind: spec.kind,
-                action,
-                pou: spec.recovery.get_ref().clone(),
-                repeatable: spec.repeatable,
-            })
-            .collect(),
-        stop_action: mc.stop.as_ref().map(|_| stop_number(mc.intervals.len())),
-    };
-    let texts = mc
-        .intervals
-        .iter()
-        .zip(intervals)
-        .map(|(spec, interval)| IntervalText {
-            condition: spec.condition.get_ref().clone(),
-            checkpoint_state: interval
-                .overlay
-                .iter()
-                .map(|o| (o.path.clone(), o.value.clone()))
-                .collect(),
-        })
-        .collect();
-    let state_variables = layout
-        .variables
-        .iter()
-        .filter(|v| v.area == Area::Region(state) && !narrowed.contains(v.offset))
-        .map(state_variable)
-        .collect();
-    BuiltMc {
-        mc: mc.mc.clone(),
-        program: mc.program.get_ref().clone(),
-        cycle_us: mc.cycle_us,
-        control,
-        initial_checkpoint,
-        diagnosis,
-        intervals: texts,
-        state_variables,
-        sources,
-        control_st,
-        compiled,
-    }
-}
-
-fn state_variable(variable: &VariableInfo) -> StateVariable {
-    StateVariable {
-        path: variable.path.clone(),
-        type_name: type_name(&variable.ty),
-        offset: variable.offset,
-        retain: variable.retain,
-        len: variable.len,
-    }
-}
-
-pub(crate) fn type_name(node: &TypeNode) -> String {
-    match node {
-        TypeNode::Elem(elem) => elem.name().to_owned(),
-        TypeNode::Enum { name, base, values } if name.is_empty() => {
-            let names: Vec<&str> = values.iter().map(|(n, _)| n.as_str()).collect();
-            format!("{base} ({})", names.join(", "))
-        }
-        TypeNode::Enum { name, .. } | TypeNode::Struct { name, .. } => name.clone(),
-        TypeNode::Subrange { base, lo, hi } => format!("{base} ({lo}..{hi})"),
-        TypeNode::Text { wide, len } => {
-            format!("{}[{len}]", if *wide { "WSTRING" } else { "STRING" })
-        }
-        TypeNode::Array { dims, elem, .. } => {
-            let dims: Vec<String> = dims.iter().map(|(lo, hi)| format!("{lo}..{hi}")).collect();
-            format!("ARRAY[{}] OF {}", dims.join(", "), type_name(elem))
-        }
-    }
-}
-
-/// Frames have to fit into messages, and all of them together through the link.
-fn sizes(cell: &Cell, mcs: &[BuiltMc], problems: &mut Vec<Diagnostic>) {
-    let mut link_bytes_s: u64 = 0;
-    for (spec, built) in cell.mcs.iter().zip(mcs) {
-        let frame = frame_len(built);
-        if frame > MESSAGE_BYTES_MAX {
-            let message = format!(
-                "MC {}: its frames would have {frame} bytes, a message has at most {MESSAGE_BYTES_MAX}",
-                spec.mc
-            );
-            problems.push(cell.text.error("M408", spec.at.clone(), message).hint(
-                "make its arrays smaller, keep what is no state in VAR_TEMP, or divide the MC",
-            ));
-        }
-        link_bytes_s += frame as u64 * 1_000_000 / u64::from(spec.cycle_us.max(1));
-        for controller in cell
-            .controllers
-            .iter()
-            .filter(|c| spec.hosts.contains(&c.controller))
-        {
-            let kb = memory_kb(&built.compiled.layout);
-            if kb > controller.memory_kb {
-                let message = format!(
-                    "MC {}: an instance needs {kb} kB, controller {} has {} kB",
-                    spec.mc, controller.controller, controller.memory_kb
-                );
-                problems.push(
-                    cell.text
-                        .error("M409", spec.at.clone(), message)
-                        .hint("give the controller more memory_mb, or take it from the MC's hosts"),
-                );
-            }
-        }
-    }
-    if let Some(limit) = &cell.link_bytes_s
-        && link_bytes_s > *limit.get_ref()
-    {
-        let message = format!(
-            "all MCs together may send {:.1} Mbit/s, the link carries {:.1}",
-            link_bytes_s as f64 / 125_000.0,
-            *limit.get_ref() as f64 / 125_000.0
-        );
-        problems.push(
-            cell.text
-                .error("M410", limit.span(), message)
-                .hint("make states smaller or cycles longer, or use a faster link"),
-        );
-    }
-}
-
-fn frame_len(built: &BuiltMc) -> usize {
-    HEADER_BYTES_MAX + built.initial_checkpoint.len() + built.compiled.layout.outputs.len as usize
-}
-
-/// Linear memory comes in pages.
-fn memory_kb(layout: &Layout) -> u64 {
-    const PAGE_KB: u64 = 64;
-    let end = layout
-        .regions
-        .iter()
-        .map(|r| u64::from(r.offset) + u64::from(r.len))
-        .max()
-        .unwrap_or(0);
-    (end.div_ceil(PAGE_KB * 1024)).max(1) * PAGE_KB
-}
-
-fn mc_model(spec: &McSpec, built: &BuiltMc, gateway: fam_proto::GatewayId) -> McModel {
-    let layout = &built.compiled.layout;
-    McModel {
-        mc: spec.mc.clone(),
-        gateway,
-        hosts: spec.hosts.clone(),
-        criticality: spec.criticality,
-        cycle_us: spec.cycle_us,
-        worst_case_us: spec.worst_case_us,
-        memory_kb: memory_kb(layout),
-        watchdog_us: spec.watchdog_us,
-        suspect_us: spec.suspect_us,
-        hash: 0,
-        layout: LayoutHash(layout.hash()),
-        diagnosis: built.diagnosis.clone(),
-        inputs: Vec::new(),
-        inputs_len: layout.inputs.len,
-        outputs: Vec::new(),
-        fail_safe: Vec::new(),
-    }
-}
-
-fn fail_safe(built: &BuiltMc, image: &Image) -> Vec<u8> {
-    let mut bytes = vec![0; built.compiled.layout.outputs.len as usize];
-    for (l, _, value) in &image.outputs {
-        io::put(&mut bytes, l.place, value);
-    }
-    bytes
-}
-
-/// Hash of logic, layout and masks, and of the process image: two nodes with the same hash run the same MC.
-fn mc_hash(model: &McModel, built: &BuiltMc) -> u64 {
-    let mut hasher = Xxh3::new();
-    hasher.update(&built.compiled.logic_hash.to_le_bytes());
-    hasher.update(&model.layout.0.to_le_bytes());
-    hasher.update(crate::plcopen::diagnosis_file::write(built).as_bytes());
-    hasher.update(format!("{:?}{:?}{:?}", model.inputs, model.outputs, model.fail_safe).as_bytes());
-    hasher.update(&model.cycle_us.to_le_bytes());
-    hasher.digest()
 }
