@@ -353,7 +353,10 @@ const MS_NS: i128 = 1_000_000;
 fn convert_date(from: Elem, to: Elem, value: Value) -> Option<Value> {
     let ns = value.as_i128()? as i64;
     match (from, to) {
-        (Elem::Dt, Elem::Date) => Some(Value::Date(ns - ns.rem_euclid(calendar::DAY_NS))),
+        (Elem::Dt, Elem::Date) => Some(Value::Date(
+            // At the very first moment the day begins before what can be counted.
+            ns.wrapping_sub(ns.rem_euclid(calendar::DAY_NS)),
+        )),
         (Elem::Dt, Elem::Tod) => Some(Value::Tod(ns.rem_euclid(calendar::DAY_NS))),
         _ => None,
     }

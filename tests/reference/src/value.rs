@@ -232,7 +232,9 @@ pub fn convert(from: Elem, to: Elem, value: Scalar) -> Result<Scalar, TrapKind> 
             whole(Elem::Time, (value.real() * MS_NS as f64).round_ties_even())?
         }
         (_, Elem::Time) => Scalar::Int(wrap(Elem::Time, wrap(Elem::Lint, value.int()) * MS_NS)),
-        (Elem::Dt, Elem::Date) => Scalar::Int(value.int().div_euclid(DAY_NS) * DAY_NS),
+        (Elem::Dt, Elem::Date) => {
+            Scalar::Int(wrap(Elem::Date, value.int().div_euclid(DAY_NS) * DAY_NS))
+        }
         (Elem::Dt, Elem::Tod) => Scalar::Int(value.int().rem_euclid(DAY_NS)),
         (Elem::Real | Elem::Lreal, to) => whole(to, value.real().round_ties_even())?,
         (_, to) if is_real(to) => to_real(to, value.int()),
