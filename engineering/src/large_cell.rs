@@ -54,3 +54,21 @@ fn logic(n: usize, variables: usize) -> String {
     );
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of so many MCs the logic is not kept from stage to stage; each is the same MC as in a small cell.
+    #[test]
+    fn a_large_cell_is_built_of_the_same_mcs_as_a_small_one() {
+        let built = [2, 120].map(|mcs| {
+            let dir = tempfile::tempdir().unwrap();
+            let model = write(dir.path(), mcs, 7).unwrap();
+            crate::build(&model).unwrap_or_else(|p| panic!("{p}"))
+        });
+        assert_eq!(built[1].mcs.len(), 120);
+        assert_eq!(built[0].model.mcs[0].hash, built[1].model.mcs[0].hash);
+        assert_eq!(built[0].warnings.len() * 60, built[1].warnings.len());
+    }
+}

@@ -34,6 +34,7 @@ use fam_soft_plc::types::Elem;
 use fam_soft_plc::{CompiledMc, compile};
 use finish::{fail_safe, finish, mc_hash, mc_model};
 use sizes::sizes;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -77,7 +78,14 @@ pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
         });
     };
 
-    let front: Vec<Front> = in_parallel(cell.mcs.len(), |index| front(&cell, index, &files));
+    let read_again = read_again(&cell);
+    let front: Vec<Front> = in_parallel(cell.mcs.len(), |index| {
+        let mut front = front(&cell, index, &files);
+        if read_again[index] {
+            front.logic = None;
+        }
+        front
+    });
     let (mut logics, mut images) = (Vec::new(), Vec::new());
     for part in front {
         problems.extend(part.problems);
@@ -93,9 +101,15 @@ pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
     let good = !problems.iter().any(|p| p.severity == Severity::Error);
     let back: Vec<(Option<BuiltMc>, Vec<Diagnostic>)> = in_parallel(cell.mcs.len(), |index| {
         let mut problems = Vec::new();
-        let built = logics[index]
+        let mc = &cell.mcs[index];
+        // What there is to say of it has been said.
+        let again = (read_again[index] && images[index].is_some())
+            .then(|| logic::load(&cell, mc, &files, &mut Vec::new()))
+            .flatten();
+        let built = again
             .as_ref()
-            .and_then(|logic| back(&cell.mcs[index], &cell, logic, target, good, &mut problems));
+            .or(logics[index].as_ref())
+            .and_then(|logic| back(mc, &cell, logic, target, good, &mut problems));
         (built, problems)
     });
     let mut mcs = Vec::new();
@@ -138,6 +152,23 @@ pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
         mcs,
         warnings: problems,
     })
+}
+
+/// Typed trees of so many MCs are kept from the first stage to the last one.
+const LOGICS_KEPT_MAX: usize = 100;
+
+/// Which MCs' logic is read anew for the last stage, because a large cell's would not fit into memory all at once: those that
+/// share no file with another one, which nothing in between asks for.
+fn read_again(cell: &Cell) -> Vec<bool> {
+    let mut users: BTreeMap<&str, usize> = BTreeMap::new();
+    for file in cell.mcs.iter().flat_map(|mc| &mc.logic) {
+        *users.entry(file.get_ref()).or_default() += 1;
+    }
+    let is_own = |file: &toml::Spanned<String>| users.get(file.get_ref().as_str()) == Some(&1);
+    cell.mcs
+        .iter()
+        .map(|mc| cell.mcs.len() > LOGICS_KEPT_MAX && mc.logic.iter().all(is_own))
+        .collect()
 }
 
 /// Errors first, otherwise in the order found; each once.
