@@ -11,7 +11,7 @@ use fam_engineering::BuiltCell;
 use fam_engineering::reload::{self, McChange};
 use fam_node_core::plc::PlcRuntime;
 use fam_node_core::{Carry, McSpec, StagedVersion};
-use fam_proto::model::McModel;
+use fam_proto::model::{McModel, state_room};
 use fam_proto::{McId, Staged, StagedMc};
 use fam_soft_plc::Engine;
 use std::collections::BTreeMap;
@@ -149,6 +149,14 @@ fn read(
         else {
             continue;
         };
+        // The node has known the MC from its start on, as the gateway has.
+        let (grown, room) = (new.initial_checkpoint.len(), state_room(spec.initial.len()));
+        if grown > room {
+            return Err(format!(
+                "the state of {} has grown to {grown} bytes, and the gateway's record has room for {room}; start the gateway with a new record file, from a stopped plant",
+                spec.mc
+            ));
+        }
         let hosted = hosted::one(index, model, new, engine, options.cache.as_deref());
         let (new_spec, runtime) = hosted.map_err(|error| error.to_string())?;
         let kept = reload::kept_ranges(old, new);

@@ -31,7 +31,7 @@ fn kept(files: &BTreeMap<String, String>) -> BTreeMap<String, String> {
         let is_project =
             name.ends_with(".xml") && !name.contains(".diagnosis.") && !name.contains('/');
         projects += usize::from(is_project);
-        let is_whole = !(is_project && projects > 1)
+        let is_whole = (!is_project || projects <= 1)
             && !name.starts_with("model/")
             && text.len() <= TEXT_BYTES_MAX;
         if is_whole {

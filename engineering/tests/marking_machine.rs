@@ -63,10 +63,13 @@ fn each_modification_changes_one_component() {
     }
 }
 
+/// File, text, and what stands there instead.
+type Edit = (&'static str, &'static str, &'static str);
+
 #[test]
 fn a_drive_belongs_to_exactly_one_generalized_actuator() {
     let port = ", MotorPort => BeltMotorON";
-    let table: [(&[(&str, &str, &str)], &str); 4] = [
+    let table: [(&[Edit], &str); 4] = [
         (
             &[
                 ("pack.st", port, ""),

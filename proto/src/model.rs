@@ -74,6 +74,13 @@ pub struct McModel {
     pub fail_safe: Vec<u8>,
 }
 
+/// How long a state may grow by new versions of the logic where it has this length at the gateway's start, in bytes: so much room
+/// its record has on disk.
+#[must_use]
+pub const fn state_room(checkpoint_len: usize) -> usize {
+    checkpoint_len + checkpoint_len / 2 + 4_096
+}
+
 /// A place in an MC's process image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Place {

@@ -177,6 +177,13 @@ fn what_cannot_change_while_the_cell_runs_is_refused_and_named() {
         "FedParts := nothing;",
         "FedParts := fed;",
     );
+    let (small, large) = (
+        "    alarm : BOOL;",
+        "    alarm : BOOL;\n    log : ARRAY[1..2000] OF LREAL;",
+    );
+    edit(&dir, "feeder.st", small, large);
+    refused(&["the state of Feeder has grown to 16", "room for"]);
+    edit(&dir, "feeder.st", large, small);
     let (code, out, err) = cell.try_operate(&["reload", "--yes"]);
     assert_eq!(code, 0, "{err}");
     assert!(out.contains("all MCs run this version already"), "{out}");

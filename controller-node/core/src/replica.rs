@@ -353,9 +353,9 @@ impl<R: McRuntime> Replica<R> {
     }
 
     /// Runs the staged version, from the state that the version of before has released.
-    fn renew(&mut self, activation: Box<Activation>, version: u64) -> ReplicaOutcome<R> {
+    fn renew(&mut self, activation: Activation, version: u64) -> ReplicaOutcome<R> {
         let epoch = activation.epoch;
-        match self.renewed(*activation, version) {
+        match self.renewed(activation, version) {
             Ok(active) => ReplicaOutcome::Activate(active),
             Err(why) => ReplicaOutcome::News(McNews::NotStarted { epoch, why }),
         }
@@ -414,7 +414,7 @@ impl<R: McRuntime> Replica<R> {
 
     fn activate(&mut self, activation: Box<Activation>) -> ReplicaOutcome<R> {
         if let (Some(version), true) = (activation.renew, self.passive.is_some()) {
-            return self.renew(activation, version);
+            return self.renew(*activation, version);
         }
         let Some(passive) = self.passive.take() else {
             self.waiting = Some(activation);

@@ -3,8 +3,8 @@
 use crate::ages::ImageAges;
 use crate::chain::Ring;
 use crate::fence::{self, Rejection};
-use crate::stored::{StoredHead, StoredRecord, never, room};
-use fam_proto::model::{InputSource, McModel};
+use crate::stored::{StoredHead, StoredRecord, never};
+use fam_proto::model::{InputSource, McModel, state_room};
 use fam_proto::{
     Applied, CheckpointId, FrameView, HeadMeta, ImageNumber, LayoutHash, Ledger, Now, Phase,
     RecordState, RecordSummary, Scan, Successor, TrapInfo,
@@ -115,6 +115,8 @@ impl Gate {
             Some(stored) => (stored.ledger, stored.head),
             None => (never(), None),
         };
+        // A frame that was recorded and perhaps not written to the field: the ledger says so behind the write.
+        let told_driven = ledger.driven;
         if let Some(head) = &head {
             ledger.last_scan = ledger.last_scan.max(head.meta.id.scan);
             ledger.driven |= head.meta.id.epoch == ledger.epoch;
@@ -145,7 +147,7 @@ impl Gate {
         }
         let holds = matches!(ledger.state, RecordState::Closed | RecordState::Stopped);
         // Without a head nobody knows what stands at the field: the fail-safe values are set.
-        ledger.fail_safe = !holds || head.is_none() || (ledger.fail_safe && !ledger.driven);
+        ledger.fail_safe = !holds || head.is_none() || (ledger.fail_safe && !told_driven);
         let outputs = match &head {
             Some(head) if !ledger.fail_safe => Arc::clone(&head.outputs),
             _ => model.fail_safe.as_slice().into(),
@@ -201,7 +203,7 @@ impl Gate {
         match head {
             Some(head) => head.state.len() == state_len as usize,
             None if layout == self.model.layout => state_len == self.model.diagnosis.checkpoint_len,
-            None => state_len as usize <= room(self.model.diagnosis.checkpoint_len as usize),
+            None => state_len as usize <= state_room(self.model.diagnosis.checkpoint_len as usize),
         }
     }
     /// Name of the head.

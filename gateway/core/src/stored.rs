@@ -104,13 +104,6 @@ pub struct StoredRecord {
     pub head: Option<StoredHead>,
 }
 
-/// How long a state a new version of the logic may have where the one of before has this length, in bytes: so much room its record
-/// has on disk.
-#[must_use]
-pub const fn room(checkpoint_len: usize) -> usize {
-    checkpoint_len + checkpoint_len / 2 + 4_096
-}
-
 /// The ledger of an MC that was never opened.
 #[must_use]
 pub fn never() -> Ledger {

@@ -15,10 +15,10 @@
 
 mod slots;
 
-use fam_gateway_core::stored::{never, room};
+use fam_gateway_core::stored::never;
 use fam_gateway_core::{RecordWrite, StoredRecord};
 use fam_proto::codec::MESSAGE_BYTES_MAX;
-use fam_proto::model::{CellModel, McModel};
+use fam_proto::model::{CellModel, McModel, state_room};
 use fam_proto::{CellId, Digest, GatewayId, McId};
 use memmap2::MmapMut;
 use slots::{HeadSlots, LedgerSlots};
@@ -175,7 +175,7 @@ impl RecordFile {
             .collect();
         let wanted: Vec<usize> = mcs
             .values()
-            .map(|mc| room(mc.diagnosis.checkpoint_len as usize))
+            .map(|mc| state_room(mc.diagnosis.checkpoint_len as usize))
             .collect();
         let page = first_page(&cell.cell, gateway, &mcs, &wanted);
         if !path.exists() {

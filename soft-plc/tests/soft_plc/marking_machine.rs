@@ -167,9 +167,12 @@ fn watched(commands: &[(&str, i64)]) -> [i128; 3] {
     ["ramDownWhileBelt", "beltWhileDown", "noAnswer"].map(|n| m.get(&format!("M.watch.{n}")))
 }
 
+/// Signals that are on, and for how many scans.
+type Stretch = (&'static str, i64);
+
 #[test]
 fn the_monitor_reports_forbidden_sequences_and_missing_responses() {
-    let table: [(&[(&str, i64)], [i128; 3]); 6] = [
+    let table: [(&[Stretch], [i128; 3]); 6] = [
         // As it should be: in, down, up and out at once.
         (
             &[
