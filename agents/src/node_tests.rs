@@ -210,6 +210,10 @@ fn active(n: &mut NodeAgents) {
         fail_safe: false,
         next_scan: Scan(1),
         reset: None,
+        owner: Owner {
+            controller: me(),
+            boot: BootId(7),
+        },
     });
     let envelope = Envelope {
         from: AgentId::Gateway(gateway()),

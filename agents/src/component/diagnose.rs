@@ -212,6 +212,7 @@ pub(crate) mod tests {
             fail_safe: false,
             next_scan: Scan(78),
             reset: None,
+            owner: crate::component::table_tests::me(),
         }
     }
 

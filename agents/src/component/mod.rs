@@ -293,7 +293,9 @@ impl McAgent {
     /// The gateway's word.
     pub fn gateway_message(&mut self, body: Message, now: Now) {
         match body {
-            Message::Opened(opened) if Some(opened.epoch) == self.epoch() => {
+            Message::Opened(opened)
+                if Some(opened.epoch) == self.epoch() && opened.owner == self.config.owner =>
+            {
                 self.step(Event::Opened(Box::new(opened)), now);
             }
             Message::OpenRefused(refused) if Some(refused.epoch) == self.epoch() => {
@@ -396,7 +398,8 @@ impl McAgent {
             (S::Opening(o), E::Started) => self.started(o, now),
             (S::Opening(o), E::NotStarted(why)) => self.give_up(o, why),
             (S::Opening(o), E::Timeout) => self.opening_timeout(o, now),
-            (s @ S::Opening(_), E::Recovered | E::Released(_) | E::ReleaseCancelled(_) | E::Stopped | E::Trapped(_)) => s.silent(),
+            (s @ S::Opening(_), E::Recovered | E::Released(_) | E::ReleaseCancelled(_) | E::Trapped(_)) => s.silent(),
+            (S::Opening(o), E::Stopped) => self.stopped_before_started(o),
 
             // --- Active
             (s @ S::Active { .. }, E::Activate(order)) => self.activate_while_running(s, order, now),

@@ -358,6 +358,18 @@ impl McAgent {
         }
     }
 
+    /// The stop has ended, and the word that it began is still on the way.
+    pub(super) fn stopped_before_started(&mut self, opening: Box<Opening>) -> Next {
+        let Step::Starting(_) = opening.step else {
+            return State::Opening(opening).silent();
+        };
+        if opening.renew.is_some() {
+            self.change_version();
+        }
+        let epoch = opening.epoch;
+        State::Stopped { epoch }.report(Some(opening.order), McOutcome::Stopped)
+    }
+
     pub(super) fn give_up(&mut self, opening: Box<Opening>, why: String) -> Next {
         self.withdraw(&opening);
         State::Passive.report(Some(opening.order), McOutcome::NotOpened(why))

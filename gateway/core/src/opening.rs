@@ -110,5 +110,6 @@ pub fn answer(gate: &Gate, open: &Open) -> Opened {
         fail_safe: gate.fail_safe_stands(),
         next_scan: gate.ledger().last_scan.next(),
         reset: open.reset,
+        owner: open.owner.clone(),
     }
 }

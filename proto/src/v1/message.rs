@@ -453,6 +453,8 @@ pub struct Opened {
     pub next_scan: Scan,
     /// Reset to be carried out, as asked for.
     pub reset: Option<Reset>,
+    /// Who asked: a late answer to the life before is nothing for the next one.
+    pub owner: Owner,
 }
 
 /// Why the gateway refuses an open.

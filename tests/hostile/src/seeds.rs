@@ -175,6 +175,7 @@ pub fn envelopes() -> Vec<Envelope> {
         fail_safe: true,
         next_scan: Scan(1),
         reset: Some(Reset::Cold),
+        owner: owner(1),
     };
     let outcome = |outcome| {
         Message::McReport(McReport {
