@@ -127,6 +127,7 @@ impl Played {
                     fail_safe: false,
                     next_scan: line.record.scan().next(),
                     reset: open.reset,
+                    owner: open.owner.clone(),
                     checkpoint: head.filter(|h| open.held != Some(h.id)).map(Box::new),
                 };
                 self.gateway.send(&Envelope {
