@@ -386,3 +386,34 @@ fn a_new_version_starts_from_a_released_state_and_from_no_other() {
     a.news(McNews::ReleaseCancelled { epoch: E, why }, Now(2));
     assert_eq!(words(&mut a), "<cancelled #2> <not opened #8>");
 }
+
+#[test]
+fn a_stop_that_is_heard_of_before_its_start_is_a_stop() {
+    let mut a = in_state("opening");
+    let ended = || McNews::Stopped {
+        epoch: E,
+        scan: Scan(80),
+    };
+    a.news(ended(), Now(1));
+    assert_eq!(a.state(), McaState::Opening, "nothing runs yet");
+    a.gateway_message(grant(50, Phase::Running, true), Now(2));
+    words(&mut a);
+    a.news(ended(), Now(3));
+    assert_eq!(
+        (words(&mut a).as_str(), a.state()),
+        ("<stopped #1>", McaState::Stopped)
+    );
+    a.news(McNews::Started { epoch: E }, Now(4));
+    assert_eq!((words(&mut a).as_str(), a.state()), ("", McaState::Stopped));
+}
+
+#[test]
+fn an_answer_to_the_life_before_is_nothing_for_this_one() {
+    let mut a = in_state("opening");
+    let mut late = a_grant(Some(&a_checkpoint(10, Phase::Running)), true);
+    late.owner.boot = BootId(late.owner.boot.0 - 1);
+    a.gateway_message(Message::Opened(late), Now(1));
+    assert_eq!((words(&mut a).as_str(), a.state()), ("", McaState::Opening));
+    a.gateway_message(grant(10, Phase::Running, true), Now(2));
+    assert_eq!(words(&mut a), "RUN 0 given");
+}
