@@ -56,6 +56,10 @@ pub(super) struct NodeBody {
     cpu_ns: u64,
     next_tick: Now,
     sample_at: Now,
+    /// Until when a slow scan keeps the scan thread busy.
+    busy_until_us: u64,
+    /// When the last of what the scan thread handed on arrives: its queues are in order.
+    left_us: u64,
     overruns: u64,
 }
 
@@ -155,6 +159,8 @@ impl World {
             cpu_ns: 0,
             next_tick: now,
             sample_at: now,
+            busy_until_us: 0,
+            left_us: 0,
             overruns: 0,
             mcs,
             owner,
@@ -213,52 +219,22 @@ impl World {
         }
     }
 
-    /// A tick of the scan thread.
     /// A command for the scan thread: MCs whose predecessor was interrupted begin at once.
     pub(super) fn ring(&mut self, n: usize, boot: BootId) {
-        let pid = Pid::Node(n);
-        if !self.is_this(pid, boot) {
-            return;
-        }
-        let now = self.local(pid);
-        let slow_us = worst(&self.slow, n);
-        let Some(node) = &mut self.nodes[n] else {
-            return;
-        };
-        node.slow_ns = slow_us * 1_000;
-        let out = node.between_ticks(now);
-        let scans = out.iter().filter(|o| matches!(o, ScanOut::Frame(_)));
-        let busy_us = slow_us * scans.count() as u64;
-        self.leave_scan_thread(n, boot, out, busy_us);
+        let ring = Event::Ring { node: n, boot };
+        self.run_scan_thread(n, boot, ring, NodeBody::between_ticks);
     }
 
-    /// What the scan thread has for others reaches them a moment later.
-    fn leave_scan_thread(&mut self, n: usize, boot: BootId, out: Vec<ScanOut>, busy_us: u64) {
-        let after_us = self.now_us + busy_us + self.dice(Pid::Node(n)).between(15, 400);
-        for out in out {
-            if let ScanOut::Frame(frame) = &out {
-                let seen = Seen::Scanned(frame);
-                self.invariants.see(&seen, self.now_us);
-            }
-            let inner = Event::Inner { node: n, boot, out };
-            self.queue.push(after_us, inner);
-        }
-    }
-
+    /// A tick of the scan thread.
     pub(super) fn tick(&mut self, n: usize, boot: BootId) {
-        let pid = Pid::Node(n);
-        if !self.is_this(pid, boot) {
+        let tick = Event::Tick { node: n, boot };
+        let Some(now) = self.run_scan_thread(n, boot, tick, NodeBody::tick) else {
             return;
-        }
-        let now = self.local(pid);
-        let slow_us = worst(&self.slow, n);
+        };
+        let pid = Pid::Node(n);
         let Some(node) = &mut self.nodes[n] else {
             return;
         };
-        node.slow_ns = slow_us * 1_000;
-        let out = node.tick(now);
-        let scans = out.iter().filter(|o| matches!(o, ScanOut::Frame(_)));
-        let busy_us = slow_us * scans.count() as u64;
         let tick_us = u64::from(TICK_US);
         node.next_tick = node.next_tick.plus_us(tick_us);
         if node.next_tick <= now {
@@ -268,7 +244,6 @@ impl World {
             node.overruns += 1;
         }
         let (next, sampled) = (node.next_tick, node.sample(now));
-        self.leave_scan_thread(n, boot, out, busy_us);
         if let Some(sample) = sampled {
             self.node_input(n, Input::Local(NodeLocal::Sample(sample)));
         }
@@ -279,8 +254,46 @@ impl World {
             0 => dice.below(120),
             late_us => dice.below(late_us),
         };
-        let at_us = (self.global(pid, next) + late_us).max(self.now_us + busy_us);
+        let at_us = self.global(pid, next) + late_us;
         self.queue.push(at_us, Event::Tick { node: n, boot });
+    }
+
+    /// Runs the scan thread, unless a slow scan still keeps it busy: then the event comes again when that ends. What it has for
+    /// others reaches them a moment later, in order. Gives the node's clock if it ran.
+    fn run_scan_thread(
+        &mut self,
+        n: usize,
+        boot: BootId,
+        event: Event,
+        run: fn(&mut NodeBody, Now) -> Vec<ScanOut>,
+    ) -> Option<Now> {
+        let pid = Pid::Node(n);
+        if !self.is_this(pid, boot) {
+            return None;
+        }
+        let (now, now_us) = (self.local(pid), self.now_us);
+        let slow_us = worst(&self.slow, n);
+        let handed_on_us = self.dice(pid).between(15, 400);
+        let node = self.nodes[n].as_mut()?;
+        if node.busy_until_us > now_us {
+            self.queue.push(node.busy_until_us, event);
+            return None;
+        }
+        node.slow_ns = slow_us * 1_000;
+        let out = run(node, now);
+        let scans = out.iter().filter(|o| matches!(o, ScanOut::Frame(_)));
+        node.busy_until_us = now_us + slow_us * scans.count() as u64;
+        node.left_us = node.left_us.max(node.busy_until_us + handed_on_us);
+        let left_us = node.left_us;
+        for out in out {
+            if let ScanOut::Frame(frame) = &out {
+                let seen = Seen::Scanned(frame);
+                self.invariants.see(&seen, self.now_us);
+            }
+            let inner = Event::Inner { node: n, boot, out };
+            self.queue.push(left_us, inner);
+        }
+        Some(now)
     }
 
     /// What the scan thread has handed on reaches the node's other threads.

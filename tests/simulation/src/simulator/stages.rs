@@ -198,12 +198,30 @@ impl World {
             let Some(found) = self.find_stage(*stage, *target) else {
                 return true;
             };
-            self.schedule[*n].1.lead_to(found, &self.cell.mcs);
+            let mut fault = self.schedule[*n].1.clone();
+            fault.lead_to(found, &self.cell.mcs);
+            self.lead_to_replica(&mut fault);
+            // A process that is down, or a replica that is not there, cannot be hit: the fault waits until it can be.
+            if !self.has_effect(&fault) {
+                return true;
+            }
+            self.schedule[*n].1 = fault;
             self.queue
                 .push_first(self.now_us + 1 + plus_us, Event::Fault(*n));
             false
         });
         self.aimed = waiting;
+    }
+
+    /// What a node runs it holds no replica of: a replica is wiped of an MC that runs elsewhere.
+    fn lead_to_replica(&self, fault: &mut Fault) {
+        if let Fault::WipedReplica { node, mc } = fault
+            && let Some(there) = &self.nodes[*node]
+            && !there.holds(*mc)
+            && let Some(held) = (0..self.cell.mcs.len()).find(|mc| there.holds(*mc))
+        {
+            *mc = held;
+        }
     }
 
     /// Where a stage is under way, among targets of the same kind.

@@ -130,7 +130,7 @@ impl World {
         }
     }
 
-    fn has_effect(&self, fault: &Fault) -> bool {
+    pub(super) fn has_effect(&self, fault: &Fault) -> bool {
         let runs = |pid: Pid| self.is_up(pid) && self.lives[&pid].frozen_us.is_none();
         match fault {
             Fault::Crash { pid, .. } => self.is_up(*pid),
