@@ -1,5 +1,6 @@
 //! Frames: put from plain threads, received without a copy on Zenoh's own thread.
 
+use crate::pieces::{PieceSender, Taker};
 use fam_proto::{BootId, CellId, InputImage, McId, keys};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -72,21 +73,32 @@ pub struct Sinks {
 pub struct FrameSender {
     session: zenoh::Session,
     cell: CellId,
+    pieces: Arc<PieceSender>,
     publishers: Arc<Mutex<BTreeMap<McId, Publisher<'static>>>>,
 }
 
 impl FrameSender {
-    pub(crate) fn new(session: zenoh::Session, cell: CellId) -> FrameSender {
+    pub(crate) fn new(
+        session: zenoh::Session,
+        cell: CellId,
+        pieces: Arc<PieceSender>,
+    ) -> FrameSender {
         FrameSender {
             session,
             cell,
+            pieces,
             publishers: Arc::default(),
         }
     }
 
     /// Puts a frame. A receiver that is too slow misses it: its next full checkpoint makes that good. Returns whether the
-    /// session took it.
+    /// session took it. One that is too long for one message goes in pieces, each acknowledged by the gateway.
     pub fn put_frame(&self, mc: &McId, bytes: Vec<u8>) -> bool {
+        if PieceSender::has_to(&bytes) {
+            return self
+                .pieces
+                .send(&keys::frame(&self.cell, mc), Taker::Gateway, bytes);
+        }
         let Ok(mut publishers) = self.publishers.lock() else {
             return false;
         };

@@ -17,6 +17,7 @@ mod frames;
 mod linger;
 mod link;
 mod logging;
+mod pieces;
 mod process;
 mod reach;
 mod run;

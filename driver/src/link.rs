@@ -1,14 +1,15 @@
 //! One process's connection to its cell: a Zenoh session as a peer among peers.
 //!
 //! Nothing here waits for a slow receiver: everything is put with congestion control `Drop`, and what matters is repeated
-//! by the agents. Priorities: images first, then messages, then frames, then streams for onlookers.
+//! by the agents. What is too long for one message goes in acknowledged pieces (`pieces.rs`). Priorities: images first, then messages, then frames, then streams for onlookers.
 
 use crate::bad::BadMessages;
-use crate::frames::{FrameBytes, FrameSender, Frames, Sinks, signature};
+use crate::frames::{FrameBytes, FrameSender, FrameSink, Frames, Sinks, signature};
+use crate::pieces::{PieceReceiver, PieceSender, Taker};
 use crate::reach::Reach;
 use crate::topic::Subscription;
 use fam_proto::codec::{self, Wire};
-use fam_proto::{BootId, CellId, Envelope, Event, InputImage, McId, ProcessId, keys};
+use fam_proto::{Assembly, BootId, CellId, Envelope, Event, InputImage, McId, ProcessId, keys};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -212,6 +213,18 @@ impl Inbox {
             }
         }
     }
+
+    /// A frame, to its sink or into the queue.
+    fn frame(&self, sink: Option<&FrameSink>, key: &str, bytes: FrameBytes) {
+        let Ok(mc) = McId::new(key.rsplit('/').next().unwrap_or_default()) else {
+            self.bad.add(key, None, &"the key names no MC");
+            return;
+        };
+        match sink {
+            Some(sink) => sink(mc, bytes),
+            None => self.push(bytes.len(), LinkEvent::Frame { mc, bytes }),
+        }
+    }
 }
 
 /// One process's connection to its cell. Clones share it; [`Link::close`] ends it for all.
@@ -229,6 +242,7 @@ struct Inner {
     inbox: Inbox,
     reach: Arc<Reach>,
     frames: FrameSender,
+    pieces: Arc<PieceSender>,
     publishers: Mutex<BTreeMap<String, Publisher<'static>>>,
     token: Mutex<Option<zenoh::liveliness::LivelinessToken>>,
 }
@@ -285,9 +299,16 @@ impl Link {
             waiting: inbox.waiting.clone(),
         };
         let reach = Arc::new(Reach::new(options.connect.clone()));
+        let pieces = PieceSender::new(session.clone(), options.process.clone(), options.boot);
+        let pieces = Arc::new(pieces);
         let link = Link {
             inner: Arc::new(Inner {
-                frames: FrameSender::new(session.clone(), options.cell.clone()),
+                frames: FrameSender::new(
+                    session.clone(),
+                    options.cell.clone(),
+                    Arc::clone(&pieces),
+                ),
+                pieces,
                 signature: signature(&options.process, options.boot),
                 session,
                 cell: options.cell.clone(),
@@ -314,9 +335,20 @@ impl Link {
         let session = &self.inner.session;
         let cell = &options.cell;
 
+        let held = Arc::default();
+        let to = keys::to(cell, &options.process);
+        let inbox = self.inner.inbox.clone();
+        self.pieces(&held).receive(
+            &to,
+            Locality::Remote,
+            move |key, bytes| match codec::decode(&bytes) {
+                Ok(envelope) => inbox.push(bytes.len(), LinkEvent::Message(envelope)),
+                Err(error) => inbox.bad.add(key, None, &error),
+            },
+        )?;
         let inbox = self.inner.inbox.clone();
         session
-            .declare_subscriber(keys::to(cell, &options.process))
+            .declare_subscriber(to)
             .callback(move |sample| {
                 if let Some(envelope) = inbox.decode(&sample) {
                     inbox.push(sample.payload().len(), LinkEvent::Message(envelope));
@@ -351,20 +383,18 @@ impl Link {
         for key in frame_keys {
             let inbox = self.inner.inbox.clone();
             let sink = sinks.frame.clone();
+            self.pieces(&held)
+                .receive(&key, Locality::Remote, move |key, bytes| {
+                    inbox.frame(sink.as_ref(), key, FrameBytes(bytes.into()));
+                })?;
+            let inbox = self.inner.inbox.clone();
+            let sink = sinks.frame.clone();
             session
                 .declare_subscriber(key)
                 .allowed_origin(Locality::Remote)
                 .callback(move |sample| {
-                    let key = sample.key_expr().as_str();
-                    let Ok(mc) = McId::new(key.rsplit('/').next().unwrap_or_default()) else {
-                        inbox.bad.add(key, None, &"the key names no MC");
-                        return;
-                    };
                     let bytes = FrameBytes(sample.payload().clone());
-                    match &sink {
-                        Some(sink) => sink(mc, bytes),
-                        None => inbox.push(bytes.len(), LinkEvent::Frame { mc, bytes }),
-                    }
+                    inbox.frame(sink.as_ref(), sample.key_expr().as_str(), bytes);
                 })
                 .background()
                 .wait()?;
@@ -409,6 +439,15 @@ impl Link {
             }
         }
         Ok(())
+    }
+
+    fn pieces(&self, held: &Arc<Mutex<Assembly>>) -> PieceReceiver {
+        PieceReceiver {
+            session: self.inner.session.clone(),
+            by: self.inner.process.clone(),
+            held: Arc::clone(held),
+            bad: Arc::clone(&self.inner.inbox.bad),
+        }
     }
 
     /// The cell.
@@ -468,6 +507,10 @@ impl Link {
             return;
         }
         match codec::encode(envelope) {
+            Ok(bytes) if PieceSender::has_to(&bytes) => {
+                let key = keys::to(&self.inner.cell, &to);
+                self.inner.pieces.send(&key, Taker::Anybody, bytes);
+            }
             Ok(bytes) => {
                 let keep = !matches!(to, ProcessId::Client(_));
                 self.put(

@@ -386,11 +386,11 @@ const CASES: &[Case] = &[
         changes: &[(
             PRESS,
             "pressed : UDINT;",
-            "pressed : UDINT; log : ARRAY[0..1100000] OF LREAL;",
+            "pressed : UDINT; log : ARRAY[0..9000000] OF LREAL;",
         )],
         message: &[
-            "error[M408]: MC Press: its frames would have 88",
-            "a message has at most 8388608",
+            "error[M408]: MC Press: its frames would have 720",
+            "a message has at most 67108864",
         ],
     },
     Case {

@@ -11,7 +11,9 @@ use serde::{Serialize, de::DeserializeOwned};
 pub const FORMAT_VERSION: u8 = 1;
 
 /// Longest message or record, head included, in bytes.
-pub const MESSAGE_BYTES_MAX: usize = 8 << 20;
+pub const MESSAGE_BYTES_MAX: usize = 64 << 20;
+/// Longest message that crosses the wire as one; a longer one goes in acknowledged pieces ([`crate::v1::piece`]).
+pub const UNCUT_BYTES_MAX: usize = 8 << 20;
 
 const MAGIC: u8 = b'F';
 const HEAD_BYTES: usize = 4;

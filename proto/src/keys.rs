@@ -5,6 +5,7 @@
 //! | `fam/<cell>/frame/<mc>` | the node that drives the MC | its gateway and every hosting node |
 //! | `fam/<cell>/image/<gateway>` | the gateway | all nodes, manager |
 //! | `fam/<cell>/to/<process>` | any agent | the agents of that process |
+//! | `fam/<cell>/frame/<mc>/pieces`, `fam/<cell>/to/<process>/pieces` | as above, for what is too long for one message | as above, each piece acknowledged |
 //! | `fam/<cell>/event` | the manager | whoever follows the events |
 //! | `fam/<cell>/applied/<gateway>` | the gateway, on request | benchmarks and the demo |
 //! | `fam/<cell>/io/<gateway>` | whoever asks | the gateway, which answers |
@@ -29,6 +30,12 @@ pub fn image(cell: &CellId, gateway: &GatewayId) -> String {
 #[must_use]
 pub fn to(cell: &CellId, process: &ProcessId) -> String {
     format!("fam/{cell}/to/{}", segment(process))
+}
+
+/// Key of what is too long to go as one message under `key`.
+#[must_use]
+pub fn pieces(key: &str) -> String {
+    format!("{key}/pieces")
 }
 
 /// Key of the stream of events.

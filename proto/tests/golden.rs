@@ -174,6 +174,16 @@ fn repository_state() -> RepoState {
     state
 }
 
+fn piece() -> PieceHeader {
+    PieceHeader {
+        from: ProcessId::Node(owner().controller),
+        boot: owner().boot,
+        message: 300,
+        message_bytes: 20_000_000,
+        index: 76,
+    }
+}
+
 fn hex(bytes: &[u8]) -> String {
     bytes
         .chunks(32)
@@ -210,6 +220,8 @@ fn the_bytes_are_the_golden_ones() {
     check("envelope", &envelope());
     check("repository_block", &repository_block());
     check("repository_state", &repository_state());
+    check("piece_header", &piece());
+    check("piece_taken", &PieceTaken { by: piece().from });
 }
 
 #[test]

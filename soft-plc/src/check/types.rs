@@ -9,7 +9,7 @@ use crate::syntax::ast::{self, TypeSpec, TypeSpecKind};
 use crate::types::{Elem, Field, STRING_LEN_DEFAULT, STRING_LEN_MAX, TypeId, TypeKind};
 
 /// Largest number of elements of one array.
-const ARRAY_ELEMENTS_MAX: i128 = 16 * 1024 * 1024;
+const ARRAY_ELEMENTS_MAX: i128 = 128 * 1024 * 1024;
 
 impl<'p> Checker<'p> {
     /// The type number `index` of the project.

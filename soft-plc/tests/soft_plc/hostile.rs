@@ -77,8 +77,8 @@ fn what_is_within_the_limits_compiles() {
 fn sizes_are_limited_with_a_message() {
     for (decl, message) in [
         (
-            "a : ARRAY[0..100000000] OF INT;",
-            "more than 16777216 elements",
+            "a : ARRAY[0..200000000] OF INT;",
+            "more than 134217728 elements",
         ),
         (
             "a : ARRAY[0..9999999] OF ARRAY[0..9999999] OF LREAL;",

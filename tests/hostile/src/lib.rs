@@ -6,6 +6,7 @@
 //! functions on the same [`seeds`].
 
 mod agents;
+mod assembly;
 mod cell;
 mod diagnosis;
 #[cfg(feature = "diagnosis-file")]
@@ -17,6 +18,7 @@ pub mod seeds;
 mod wire;
 
 pub use agents::agents;
+pub use assembly::piece;
 pub use cell::{cell, gateway_id, mc_id, owner};
 pub use diagnosis::diagnosis;
 #[cfg(feature = "diagnosis-file")]
@@ -29,11 +31,12 @@ pub use wire::{checkpoint, frame, image, message};
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 8] = [
+pub const TARGETS: [Target; 9] = [
     ("message", message),
     ("frame", frame),
     ("checkpoint", checkpoint),
     ("image", image),
+    ("piece", piece),
     ("records", records),
     ("repository", repository),
     ("diagnosis", diagnosis),

@@ -7,12 +7,12 @@ use fam_proto::{
     AgentId, Award, Bid, BootId, CallForProposals, Cause, CellStatus, CheckpointId, Close, Command,
     CommandKind, CommandReply, Envelope, Epoch, Event, EventKind, Holding, Hosted, ImageNumber,
     InputImage, McLoad, McOffer, McOutcome, McReport, McaState, Message, Open, OpenRefusal,
-    OpenRefused, Opened, Order, OrderId, OrderKind, PlanId, QosEvent, Query, QueryReply,
-    RecordState, RecordSummary, Registered, Registration, Reset, ResourceReport, Scan, Severity,
-    Successor, TrapInfo, encode_frame,
+    OpenRefused, Opened, Order, OrderId, OrderKind, PieceHeader, PlanId, ProcessId, QosEvent,
+    Query, QueryReply, RecordState, RecordSummary, Registered, Registration, Reset, ResourceReport,
+    Scan, Severity, Successor, TrapInfo, encode_frame, encode_piece,
 };
 
-const GOLDEN: [(&str, &str); 7] = [
+const GOLDEN: [(&str, &str); 9] = [
     (
         "envelope",
         include_str!("../../../proto/tests/golden/envelope.hex"),
@@ -28,6 +28,14 @@ const GOLDEN: [(&str, &str); 7] = [
     (
         "input_image",
         include_str!("../../../proto/tests/golden/input_image.hex"),
+    ),
+    (
+        "piece_header",
+        include_str!("../../../proto/tests/golden/piece_header.hex"),
+    ),
+    (
+        "piece_taken",
+        include_str!("../../../proto/tests/golden/piece_taken.hex"),
     ),
     (
         "record",
@@ -494,6 +502,23 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
             body(&input_image(1, true)),
             body(&input_image(1, false)),
         ],
+        "piece" => {
+            let header = PieceHeader {
+                from: ProcessId::Node(owner(1).controller),
+                boot: BootId(1),
+                message: 1,
+                message_bytes: 3,
+                index: 0,
+            };
+            vec![
+                encode_piece(&header, b"abc").unwrap_or_default(),
+                golden("piece_header"),
+                vec![0, 0x20, 0, 0x21, 0, 0x22, 0, 0x22, 0, 0x30],
+                vec![
+                    0, 0x20, 1, 0x20, 1, 0x21, 0, 0x21, 2, 0x10, 0, 0x22, 2, 0x11, 1, 0x22,
+                ],
+            ]
+        }
         "records" => vec![
             vec![0],
             vec![0x10, 0, 0, 24, 0, 0, 200],

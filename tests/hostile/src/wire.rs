@@ -10,8 +10,8 @@ use fam_proto::agent::{Agent, Input, Output};
 use fam_proto::codec::{Wire, decode, encode};
 use fam_proto::{
     AgentId, Applied, AppliedBatch, Checkpoint, CommandReply, Content, Digest, Envelope, Epoch,
-    Event, FrameHeader, HeadMeta, InputImage, Ledger, Message, Now, Open, Query, Record, RepoState,
-    RepoWrite, decode_frame, delta, encode_frame,
+    Event, FrameHeader, HeadMeta, InputImage, Ledger, Message, Now, Open, PieceTaken, Query,
+    Record, RepoState, RepoWrite, decode_frame, delta, encode_frame,
 };
 use std::sync::Arc;
 
@@ -33,6 +33,7 @@ pub fn message(bytes: &[u8]) {
     reads_as_written::<Record>(bytes);
     reads_as_written::<RepoWrite>(bytes);
     reads_as_written::<RepoState>(bytes);
+    reads_as_written::<PieceTaken>(bytes);
     // The same bytes behind a good head, so that mutations are spent on the bodies.
     let mut headed = vec![b'F', 1, Envelope::KIND, 0];
     headed.extend_from_slice(bytes);

@@ -88,6 +88,7 @@ stands!(
     frame,
     checkpoint,
     image,
+    piece,
     records,
     repository,
     diagnosis,
