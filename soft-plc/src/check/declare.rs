@@ -100,7 +100,7 @@ impl<'p> Checker<'p> {
             }
         }
         self.declare_pous();
-        self.check_configured();
+        self.place_configured();
         self.settle_inits();
     }
 
@@ -144,11 +144,11 @@ impl<'p> Checker<'p> {
             .location
             .as_ref()
             .is_some_and(|at| at.name.ends_with('*'));
-        let open_input = open
-            && decl
-                .location
-                .as_ref()
-                .is_some_and(|at| at.name.to_ascii_uppercase().starts_with("%I"));
+        let open_at = |area: &str| {
+            let at = decl.location.as_ref().filter(|_| open);
+            at.is_some_and(|at| at.name.to_ascii_uppercase().starts_with(area))
+        };
+        let (open_input, open_output) = (open_at("%I"), open_at("%Q"));
         let configured = self.configured(&decl.name.name, owner);
         let location = configured
             .and_then(|c| c.location.as_ref())
@@ -166,6 +166,7 @@ impl<'p> Checker<'p> {
             retain: block.retain,
             location,
             open_input: open_input && location.is_none(),
+            open_output: open_output && location.is_none(),
             init: None,
             owner,
             span: decl.name.span,
@@ -195,63 +196,8 @@ impl<'p> Checker<'p> {
         id
     }
 
-    /// What VAR_CONFIG says about a variable of a program.
-    fn configured(&self, name: &str, owner: Option<PouId>) -> Option<&'p ast::Configured> {
-        let pou = self.pou(owner?);
-        if pou.kind != PouKind::Program {
-            return None;
-        }
-        let all = self
-            .project
-            .configurations
-            .iter()
-            .flat_map(|c| c.configured.iter().map(move |v| (c, v)));
-        for (configuration, configured) in all {
-            let [.., program, variable] = configured.path.as_slice() else {
-                continue;
-            };
-            let is_it = program_of(configuration, &program.name).eq_ignore_ascii_case(&pou.name);
-            if is_it && variable.name.eq_ignore_ascii_case(name) {
-                return Some(configured);
-            }
-        }
-        None
-    }
-
-    /// Every line of VAR_CONFIG means a variable of a program.
-    fn check_configured(&mut self) {
-        let project = self.project;
-        for configuration in &project.configurations {
-            for configured in &configuration.configured {
-                let found = match configured.path.as_slice() {
-                    [.., program, variable] => self
-                        .find_declared_pou(program_of(configuration, &program.name))
-                        .filter(|p| self.pou(*p).kind == PouKind::Program)
-                        .is_some_and(|p| {
-                            self.pou(p)
-                                .vars
-                                .iter()
-                                .any(|v| self.var(*v).name.eq_ignore_ascii_case(&variable.name))
-                        }),
-                    _ => false,
-                };
-                if !found && let Some(last) = configured.path.last() {
-                    self.report(
-                        Problem::error(
-                            "E228",
-                            last.span,
-                            "this path of VAR_CONFIG names no variable of a program",
-                        )
-                        .expected("resource.program.variable")
-                        .hint("a variable inside a function block cannot be placed: connect it to a variable of the program"),
-                    );
-                }
-            }
-        }
-    }
-
     /// The place of a variable in the process image.
-    fn located(&mut self, at: &ast::Ident, ty: TypeId) -> Fallible<Location> {
+    pub(super) fn located(&mut self, at: &ast::Ident, ty: TypeId) -> Fallible<Location> {
         let location = parse_location(&at.name, at.span)?;
         if ty == TypeId::ERROR {
             return Ok(location);
@@ -307,16 +253,6 @@ impl<'p> Checker<'p> {
             }
         }
     }
-}
-
-/// The program of an instance's name, or the name itself.
-fn program_of<'a>(configuration: &'a ast::Configuration, name: &'a str) -> &'a str {
-    configuration
-        .resources
-        .iter()
-        .flat_map(|r| &r.instances)
-        .find(|i| i.name.eq_ignore_ascii_case(name))
-        .map_or(name, |i| i.program.as_str())
 }
 
 fn bits(n: u32) -> String {

@@ -3,6 +3,7 @@
 mod calls;
 mod class;
 mod conditions;
+mod configured;
 mod declare;
 mod expr;
 mod init;
@@ -95,6 +96,8 @@ struct Checker<'p> {
     interfaces: Vec<tree::Interface>,
     /// The syntax of each POU.
     syntaxes: Vec<&'p crate::syntax::ast::Pou>,
+    /// What VAR_CONFIG places inside instances.
+    placed: Vec<configured::Placed>,
     /// Names that each POU sees first.
     scopes: Vec<BTreeMap<String, VarId>>,
     current: Scope,
@@ -135,6 +138,7 @@ impl<'p> Checker<'p> {
             interface_types: Vec::new(),
             interfaces: Vec::new(),
             syntaxes: Vec::new(),
+            placed: Vec::new(),
             scopes: Vec::new(),
             current: Scope::default(),
         }

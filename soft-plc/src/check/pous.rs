@@ -90,6 +90,7 @@ impl<'p> Checker<'p> {
                 retain: false,
                 location: None,
                 open_input: false,
+                open_output: false,
                 init: None,
                 owner: Some(id),
                 span: syntax.name.span,
@@ -294,7 +295,7 @@ impl<'p> Checker<'p> {
                 // The statements of the base run in its place.
                 self.note_call(base);
             }
-            self.pous[index].body = body;
+            self.pous[index].body = self.with_placed(id, body);
             self.leave();
         }
     }

@@ -200,6 +200,8 @@ pub struct Var {
     pub location: Option<Location>,
     /// Declared with `AT %I*`: written by nobody in the program.
     pub open_input: bool,
+    /// Declared with `AT %Q*`, and placed by nothing that stands with it.
+    pub open_output: bool,
     pub init: Option<InitValue>,
     /// The POU that declares it; `None` for a global variable.
     pub owner: Option<PouId>,

@@ -4,6 +4,7 @@ mod cases;
 mod charts;
 mod checkpoint;
 mod common;
+mod configured;
 mod diagnostics;
 mod diagrams;
 mod expressions;
