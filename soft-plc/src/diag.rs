@@ -179,5 +179,7 @@ impl Problem {
 /// Finishes all problems, errors first, otherwise in the order of the text.
 pub fn finish_all(mut problems: Vec<Problem>, sources: &Sources) -> Vec<Diagnostic> {
     problems.sort_by_key(|p| (p.severity, p.span));
+    // A function with open arrays is looked at once for each kind of array that is passed.
+    problems.dedup_by(|b, a| (a.code, a.span, &a.message) == (b.code, b.span, &b.message));
     problems.into_iter().map(|p| p.finish(sources)).collect()
 }

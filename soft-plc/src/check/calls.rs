@@ -240,7 +240,7 @@ impl Checker<'_> {
     }
 
     /// Pairs each argument with its parameter. Reports unknown, doubled and surplus ones.
-    fn match_arguments<'a>(
+    pub(super) fn match_arguments<'a>(
         &mut self,
         pou: PouId,
         args: &'a [Arg],
@@ -350,6 +350,7 @@ impl Checker<'_> {
         args: &[Arg],
         span: Span,
     ) -> Option<FunctionCall> {
+        let pou = self.with_bounds(pou, args, span)?;
         self.note_call(pou);
         let pairs = self.match_arguments(pou, args, span)?;
         let mut list = Vec::new();
@@ -417,7 +418,7 @@ impl Checker<'_> {
         })
     }
 
-    fn missing(&mut self, parameter: VarId, span: Span) {
+    pub(super) fn missing(&mut self, parameter: VarId, span: Span) {
         let var = self.var(parameter);
         let message = format!(
             "the argument for `{}` ({}) is missing",

@@ -101,7 +101,8 @@ impl<'p> Checker<'p> {
         }
         self.declare_pous();
         self.place_configured();
-        self.settle_inits();
+        self.find_patterns();
+        self.settle_inits(0);
     }
 
     /// The global variable, declared now if it was not yet. `None` if it is wrong, or needs itself.

@@ -15,8 +15,8 @@ pub(super) enum Pending {
 }
 
 impl Checker<'_> {
-    pub(super) fn settle_inits(&mut self) {
-        for (target, init) in self.pending_inits.clone() {
+    pub(super) fn settle_inits(&mut self, from: usize) {
+        for (target, init) in self.pending_inits[from..].to_vec() {
             let ty = match target {
                 Pending::Var(id) => {
                     self.enter(self.var(id).owner);

@@ -9,6 +9,7 @@ mod expr;
 mod init;
 pub mod lint;
 mod methods;
+mod open_arrays;
 mod operators;
 mod place;
 mod pous;
@@ -98,6 +99,7 @@ struct Checker<'p> {
     syntaxes: Vec<&'p crate::syntax::ast::Pou>,
     /// What VAR_CONFIG places inside instances.
     placed: Vec<configured::Placed>,
+    open_arrays: open_arrays::OpenArrays,
     /// Names that each POU sees first.
     scopes: Vec<BTreeMap<String, VarId>>,
     current: Scope,
@@ -139,6 +141,7 @@ impl<'p> Checker<'p> {
             interfaces: Vec::new(),
             syntaxes: Vec::new(),
             placed: Vec::new(),
+            open_arrays: open_arrays::OpenArrays::default(),
             scopes: Vec::new(),
             current: Scope::default(),
         }

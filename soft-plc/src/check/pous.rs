@@ -69,7 +69,7 @@ impl<'p> Checker<'p> {
         self.leave();
     }
 
-    fn declare_pou(&mut self, id: PouId) {
+    pub(super) fn declare_pou(&mut self, id: PouId) {
         let syntax = self.syntax_of(id);
         self.declare_tag(id, syntax);
         if matches!(syntax.kind, PouKind::Function | PouKind::Method)
@@ -105,6 +105,7 @@ impl<'p> Checker<'p> {
                     continue;
                 }
                 self.check_section(syntax, block, decl);
+                self.before_open_array(id, block.section, decl);
                 let var = self.declare_var(block, decl, block.section, Some(id));
                 let name = key(&decl.name.name);
                 if self.current.names.contains_key(&name) {
@@ -283,19 +284,25 @@ impl<'p> Checker<'p> {
     }
 
     pub(super) fn check_bodies(&mut self) {
-        for index in 0..self.pous.len() {
+        let mut index = 0;
+        // Calls with open arrays add functions behind.
+        while index < self.pous.len() {
             let id = PouId(index as u32);
+            index += 1;
+            if self.is_pattern(id) {
+                continue;
+            }
             self.enter(Some(id));
             let syntax = self.syntax_of(id);
             let mut body = self.edge_calls(id);
             body.extend(self.stmts(&syntax.body));
             if body.is_empty()
-                && let Some(base) = self.pous[index].extends
+                && let Some(base) = self.pou(id).extends
             {
                 // The statements of the base run in its place.
                 self.note_call(base);
             }
-            self.pous[index].body = self.with_placed(id, body);
+            self.pous[id.0 as usize].body = self.with_placed(id, body);
             self.leave();
         }
     }

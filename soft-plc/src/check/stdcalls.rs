@@ -66,6 +66,7 @@ impl Checker<'_> {
         }
         match upper.as_str() {
             "REF" | "ADR" | "SIZEOF" => return Some(self.address_call(&upper, args, span)),
+            "LOWER_BOUND" | "UPPER_BOUND" => return Some(self.bound_call(&upper, args, span)),
             "TO_LITTLE_ENDIAN" | "FROM_LITTLE_ENDIAN" => {
                 let list = self.collect_args(&upper, &["IN"], false, args, expected, span);
                 return Some(match list.and_then(|l| l.into_iter().next()) {

@@ -74,6 +74,7 @@ impl<'p> Checker<'p> {
                 self.types.reference(target)
             }
             TypeSpecKind::Inferred => TypeId::INFERRED,
+            TypeSpecKind::OpenArray { .. } => self.open_array(spec.span),
             TypeSpecKind::Array { dims, elem } => {
                 let elem = self.resolve_spec(elem, None);
                 let mut bounds = Vec::new();

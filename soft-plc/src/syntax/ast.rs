@@ -59,6 +59,11 @@ pub enum TypeSpecKind {
         dims: Vec<(Expr, Expr)>,
         elem: Box<TypeSpec>,
     },
+    /// `ARRAY[*, *] OF INT`
+    OpenArray {
+        dims: u32,
+        elem: Box<TypeSpec>,
+    },
     Subrange {
         base: Ident,
         lo: Box<Expr>,

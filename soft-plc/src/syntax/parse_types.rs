@@ -12,12 +12,31 @@ impl Parser<'_> {
         self.deeper(Self::type_spec_inner)
     }
 
+    /// `ARRAY[*, *] OF INT`, from the first star on.
+    fn open_array(&mut self, start: Span) -> Parsed<TypeSpec> {
+        let mut dims = 1;
+        self.expect(Tok::Star, "`*`")?;
+        while self.eat(Tok::Comma) {
+            self.expect(Tok::Star, "`*` for each dimension")?;
+            dims += 1;
+        }
+        self.expect(Tok::RBracket, "`]` or `,` after `*`")?;
+        self.expect(Tok::Kw(Kw::Of), "OF and the type of the elements")?;
+        let elem = Box::new(self.type_spec()?);
+        let span = start.to(elem.span);
+        let kind = TypeSpecKind::OpenArray { dims, elem };
+        Ok(TypeSpec { kind, span })
+    }
+
     fn type_spec_inner(&mut self) -> Parsed<TypeSpec> {
         let start = self.span();
         let kind = match self.peek() {
             Tok::Kw(Kw::Array) => {
                 self.advance();
                 self.expect(Tok::LBracket, "`[` and the bounds of the array")?;
+                if self.at(Tok::Star) {
+                    return self.open_array(start);
+                }
                 let mut dims = Vec::new();
                 loop {
                     let lo = self.expression()?;

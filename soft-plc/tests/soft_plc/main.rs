@@ -12,6 +12,7 @@ mod hostile;
 mod layout;
 mod loops;
 mod marking_machine;
+mod open_arrays;
 mod plcopen;
 mod properties;
 mod random_expressions;
