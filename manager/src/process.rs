@@ -52,7 +52,7 @@ pub async fn run(
 ) -> anyhow::Result<()> {
     let model = Arc::new(fam_engineering::build_model(&options.cell_file)?);
     let (repository, restored) = open_file(&options.repository, &model.cell)?;
-    let boot = boot_after(boot_id().0, &restored);
+    let boot = boot_after(boot_id().0, &restored, drawn());
     run_on(model, repository, restored, boot, options, shutdown).await
 }
 
@@ -105,4 +105,10 @@ async fn tell(link: Link, locals: mpsc::UnboundedSender<ManagerLocal>) {
             return;
         }
     }
+}
+
+/// A number that no other life has drawn, also not one on a copy of this machine.
+fn drawn() -> u64 {
+    use std::hash::BuildHasher;
+    std::collections::hash_map::RandomState::new().hash_one(std::process::id())
 }

@@ -77,12 +77,17 @@ pub const GATEWAY_LOST_US: u64 = 1_000_000;
 /// A repository that has failed is asked again after this long, in microseconds.
 pub const REPOSITORY_RETRY_US: u64 = 1_000_000;
 
+/// How far above its history a manager begins whose clock was set back, at most, in microseconds.
+const DRAWN_US: u64 = 1_000_000;
+
 /// The boot id of a manager that starts with what its repository holds: the wall clock, but above all lives of before, also if the
-/// clock was set back in between. Otherwise nobody would heed it.
+/// clock was set back in between. Otherwise nobody would heed it. `drawn` is a number that another life would not have: of two
+/// lives that begin with one copy of a repository, behind a clock that was set back, each would take the other's orders for its own.
 #[must_use]
-pub fn boot_after(wall_us: u64, restored: &RepoState) -> BootId {
+pub fn boot_after(wall_us: u64, restored: &RepoState, drawn: u64) -> BootId {
     let before = restored.events.iter().map(|e| e.wall_us).max();
-    BootId(wall_us.max(before.map_or(0, |us| us.saturating_add(1))))
+    let above = |us: u64| us.saturating_add(1 + drawn % DRAWN_US);
+    BootId(wall_us.max(before.map_or(0, above)))
 }
 
 /// The agent.

@@ -271,11 +271,27 @@ fn a_node_whose_clock_was_set_back_joins_again() {
 fn a_manager_whose_clock_was_set_back_begins_above_its_history() {
     let mut disk = RepoState::default();
     for (wall_us, expected) in [(5_000, 5_000), (100, 5_001), (50, 5_002), (9_000, 9_000)] {
-        let boot = boot_after(wall_us, &disk);
+        let boot = boot_after(wall_us, &disk, 0);
         assert_eq!(boot, BootId(expected));
         let bench = Bench::restored(model(2, 2), disk, Qualities::standard(), boot.0);
         disk = bench.disk;
     }
+}
+
+/// Two lives that begin with the same copy of a repository are not one: orders of the second count as new.
+#[test]
+fn lives_with_one_copy_of_a_repository_have_different_numbers() {
+    let disk = Bench::restored(
+        model(2, 2),
+        RepoState::default(),
+        Qualities::standard(),
+        5_000,
+    )
+    .disk;
+    let lives = [3, 4, 999_999].map(|drawn| boot_after(100, &disk, drawn));
+    assert_eq!(lives, [BootId(5_004), BootId(5_005), BootId(1_005_000)]);
+    // A clock that is right tells them apart.
+    assert_eq!(boot_after(9_000_000, &disk, 7), BootId(9_000_000));
 }
 
 /// A late answer to its predecessor has told it so. A report of a life that is over is not answered: its successor would hear it.

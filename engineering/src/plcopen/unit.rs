@@ -211,6 +211,17 @@ impl UnitWriter<'_> {
                 xml.close();
                 xml.close();
             }
+            // TC6 has no element of its own for open bounds, and takes any text for one.
+            TypeSpecKind::OpenArray { dims, elem } => {
+                xml.open("array", &[]);
+                for _ in 0..*dims {
+                    xml.empty("dimension", &[("lower", "*"), ("upper", "*")]);
+                }
+                xml.open("baseType", &[]);
+                self.type_spec(xml, elem);
+                xml.close();
+                xml.close();
+            }
             TypeSpecKind::Subrange { base, lo, hi } => {
                 let unsigned = Elem::from_name(&base.name).is_some_and(Elem::is_unsigned);
                 xml.open(

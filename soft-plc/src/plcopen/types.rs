@@ -37,15 +37,35 @@ impl Reader<'_> {
             },
             "array" => {
                 let mut dims = Vec::new();
+                let mut open = 0;
                 for dimension in elements(node, "dimension") {
-                    dims.push(self.bounds(dimension)?);
+                    let is_open = |bound| dimension.attribute(bound).map(str::trim) == Some("*");
+                    if is_open("lower") && is_open("upper") {
+                        open += 1;
+                    } else {
+                        dims.push(self.bounds(dimension)?);
+                    }
                 }
                 let Some(base) = element(node, "baseType") else {
                     self.report(Problem::error("E606", span, "<array> has no <baseType>"));
                     return None;
                 };
                 let elem = Box::new(self.type_spec(base)?);
-                TypeSpecKind::Array { dims, elem }
+                if open > 0 && dims.is_empty() {
+                    TypeSpecKind::OpenArray { dims: open, elem }
+                } else if open > 0 {
+                    self.report(
+                        Problem::error(
+                            "E606",
+                            span,
+                            "an array is open in all dimensions or in none",
+                        )
+                        .expected("`*` for each bound, or none"),
+                    );
+                    return None;
+                } else {
+                    TypeSpecKind::Array { dims, elem }
+                }
             }
             "subrangeSigned" | "subrangeUnsigned" => {
                 let (lo, hi) = self.bounds(element(node, "range")?)?;

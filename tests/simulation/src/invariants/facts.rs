@@ -61,6 +61,8 @@ pub struct Grant {
     pub at_us: u64,
     /// What it starts from.
     pub base: Option<CheckpointId>,
+    /// That head, for owners that begin long after.
+    from: Option<HeadFact>,
     /// Outputs that stood at the field.
     pub outputs: Vec<u8>,
     /// The reset that came with it.
@@ -104,7 +106,8 @@ impl McFacts {
     /// A head that was recorded.
     #[must_use]
     pub fn head_of(&self, id: CheckpointId) -> Option<&HeadFact> {
-        self.heads.iter().rev().find(|h| h.id == id)
+        let granted = self.grants.values().filter_map(|g| g.from.as_ref());
+        self.heads.iter().rev().chain(granted).find(|h| h.id == id)
     }
 }
 
@@ -207,6 +210,7 @@ impl Facts {
                         owner: (*owner).clone(),
                         at_us: now_us,
                         base: opened.base,
+                        from: opened.base.and_then(|id| mc.head_of(id).cloned()),
                         outputs: opened.outputs.clone(),
                         reset: opened.reset,
                         after: mc.grant.as_ref().and_then(|g| g.ended.clone()),

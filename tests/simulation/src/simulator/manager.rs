@@ -140,7 +140,8 @@ impl World {
         };
         let lost = self.side(pid).store.lost(&restored);
         self.see(&Seen::Restored { lost: &lost });
-        let boot = boot_after(self.boot_of(pid).0, &restored);
+        // No two lives begin at one moment: as good as drawn, and no schedule changes.
+        let boot = boot_after(self.boot_of(pid).0, &restored, self.now_us);
         if let Some(life) = self.lives.get_mut(&pid) {
             life.boot = boot;
         }
