@@ -208,7 +208,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
         Bench::Frame { scans } => frame::run(*scans)?,
         Bench::Jitter { cycle_ms, seconds } => jitter::run(cell, *cycle_ms, *seconds)?,
         Bench::Footprint { starts, seconds } => footprint::run(cell, *starts, *seconds)?,
-        Bench::Scan { statements } => scan::run(*statements)?,
+        Bench::Scan { statements } => scan::run(&scan::pairs(*statements, &|_| true))?,
         Bench::Quiet { minutes } => quiet::run(cell, *minutes)?,
     };
     if args.json {

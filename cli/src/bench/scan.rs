@@ -3,7 +3,7 @@
 
 use anyhow::{Context, Result, bail};
 use fam_soft_plc::standalone::{self, Options};
-use fam_soft_plc::{Engine, EngineOptions, Instance, Interruption, SourceFile, Value};
+use fam_soft_plc::{Engine, EngineOptions, Instance, Interruption, Module, SourceFile, Value};
 use serde_json::{Map, Value as Json, json};
 use std::ffi::CString;
 use std::fmt::Write as _;
@@ -89,14 +89,15 @@ const BATCH_NS: f64 = 2e6;
 const BATCHES: usize = 25;
 const CYCLE_NS: i64 = 10_000_000;
 
-struct Pair {
-    name: String,
+/// One program in both languages.
+pub struct Pair {
+    pub name: String,
     st: String,
     c: String,
 }
 
-/// Runs all programs; answers the figures.
-pub fn run(statements: usize) -> Result<Map<String, Json>> {
+/// The programs that `only` wants.
+pub fn pairs(statements: usize, only: &dyn Fn(&str) -> bool) -> Vec<Pair> {
     let mut pairs: Vec<Pair> = PROGRAMS
         .iter()
         .map(|(name, st, c)| Pair {
@@ -107,10 +108,16 @@ pub fn run(statements: usize) -> Result<Map<String, Json>> {
         .collect();
     pairs.push(bits(1_000));
     pairs.push(large(statements));
+    pairs.retain(|pair| only(&pair.name));
+    pairs
+}
+
+/// Runs the programs; answers the figures.
+pub fn run(pairs: &[Pair]) -> Result<Map<String, Json>> {
     let folder = tempfile::tempdir()?;
     let mut programs = Vec::new();
     let mut log_sum = 0.0;
-    for pair in &pairs {
+    for pair in pairs {
         let (ns, c_ns) = measure(pair, folder.path()).with_context(|| pair.name.clone())?;
         let ratio = ns / c_ns;
         log_sum += ratio.ln();
@@ -250,8 +257,8 @@ impl Native {
     }
 }
 
-/// Nanoseconds of one scan: ours, and that of C.
-fn measure(pair: &Pair, folder: &Path) -> Result<(f64, f64)> {
+/// The machine code of the program.
+pub fn compile(pair: &Pair) -> Result<(Engine, Module)> {
     let files = [SourceFile::new(
         format!("{}.st", pair.name),
         pair.st.clone(),
@@ -268,6 +275,12 @@ fn measure(pair: &Pair, folder: &Path) -> Result<(f64, f64)> {
         interruption: Interruption::Epoch,
     })?;
     let module = engine.prepare(&prepared.mc)?;
+    Ok((engine, module))
+}
+
+/// Nanoseconds of one scan: ours, and that of C.
+fn measure(pair: &Pair, folder: &Path) -> Result<(f64, f64)> {
+    let (engine, module) = compile(pair)?;
     let mut ours = Instance::new(&engine, &module)?;
     let native = Native::build(pair, folder)?;
     let mut now = 0;

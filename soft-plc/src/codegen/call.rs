@@ -69,6 +69,7 @@ impl Fun<'_, '_> {
             None => self.m.numbers[&call.pou],
         };
         self.i(I::Call(number));
+        self.known.forget_all();
         // The outputs lie above the result, the last one on top.
         let shape = self.m.shape(call.pou);
         let mut values = Vec::new();
@@ -311,6 +312,7 @@ impl Fun<'_, '_> {
         self.copy_in(&back);
         let number = self.m.numbers[&call.pou];
         self.i(I::Call(number));
+        self.known.forget_all();
         self.bring_back(back);
         for (parameter, place, negated) in &call.outputs {
             let ty = project.var(*parameter).ty;
@@ -357,6 +359,21 @@ impl Fun<'_, '_> {
     }
 
     fn set_input(&mut self, base: Option<&Kept>, parameter: VarId, value: &Expr) {
+        self.write_input(base, parameter, value);
+        // The inputs behind it may read it.
+        if self
+            .m
+            .project
+            .types
+            .is_aggregate(self.m.project.var(parameter).ty)
+        {
+            self.known.forget_all();
+        } else {
+            self.known.forget_variable(parameter);
+        }
+    }
+
+    fn write_input(&mut self, base: Option<&Kept>, parameter: VarId, value: &Expr) {
         let ty = self.m.project.var(parameter).ty;
         let addr = self.member(base, parameter);
         self.push_member(base);
@@ -375,7 +392,11 @@ impl Fun<'_, '_> {
         } else {
             let elem = self.elem(ty);
             self.expr(value);
-            self.store_to(elem, addr);
+            if self.is_canonical(value) {
+                self.store_as_it_is(elem, addr);
+            } else {
+                self.store_to(elem, addr);
+            }
         }
     }
 

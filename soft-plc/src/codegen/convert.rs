@@ -1,11 +1,13 @@
 //! Conversions between elementary types; the counterpart of `value::convert`.
 
-use wasm_encoder::{Ieee32, Ieee64, Instruction as I, ValType};
+use wasm_encoder::{BlockType, Ieee32, Ieee64, Instruction as I, ValType};
 
 use super::SiteKind;
 use super::fun::{Fun, val};
 use crate::calendar::DAY_NS;
+use crate::check::tree::{Expr, ExprKind, Root};
 use crate::source::Span;
+use crate::syntax::ast::BinOp;
 use crate::types::Elem;
 
 impl Fun<'_, '_> {
@@ -116,19 +118,73 @@ impl Fun<'_, '_> {
     /// Makes a NaN on the stack the canonical one. The bits of a NaN differ between hosts, and they can be seen in memory
     /// and through bit strings only: arithmetic and comparisons treat all NaNs alike.
     pub fn canonical(&mut self, elem: Elem) {
-        let (nan, equal) = match elem {
-            Elem::Real => (I::F32Const(Ieee32::new(0x7fc0_0000)), I::F32Eq),
-            Elem::Lreal => (I::F64Const(Ieee64::new(0x7ff8_0000_0000_0000)), I::F64Eq),
+        let (nan, at_least) = match elem {
+            Elem::Real => (I::F32Const(Ieee32::new(0x7fc0_0000)), I::F32Ge),
+            Elem::Lreal => (I::F64Const(Ieee64::new(0x7ff8_0000_0000_0000)), I::F64Ge),
             _ => return,
         };
         let local = self.temp(val(elem));
-        self.i(I::LocalTee(local));
+        self.i(I::LocalSet(local));
+        let block = self.open(I::Block(BlockType::Empty));
+        // Everything but a NaN is as large as itself; one flag tells, where equality needs two.
+        self.i(I::LocalGet(local));
+        self.i(I::LocalGet(local));
+        self.i(at_least);
+        self.expect(true);
+        self.i(I::BrIf(self.label(block)));
         self.i(nan);
+        self.i(I::LocalSet(local));
+        self.close();
         self.i(I::LocalGet(local));
-        self.i(I::LocalGet(local));
-        self.i(equal);
-        self.i(I::Select);
         self.release(local);
+    }
+
+    /// Whether the value is certainly no NaN, or the canonical one: then it need not be made so.
+    pub fn is_canonical(&self, expr: &Expr) -> bool {
+        if !self.elem(expr.ty).is_real() {
+            return true;
+        }
+        match &expr.kind {
+            // Cells hold canonical values; locals hold what was computed, and inputs what the field sends.
+            ExprKind::Load(place) => {
+                let in_image = match place.root {
+                    Root::Direct(_) => true,
+                    Root::Var(id) => self.m.project.var(id).location.is_some(),
+                    Root::This => false,
+                };
+                !in_image && self.local_of(place).is_none()
+            }
+            _ => self.bound(expr).is_some(),
+        }
+    }
+
+    /// A number that the absolute value of a real expression certainly does not exceed, rounding included.
+    fn bound(&self, expr: &Expr) -> Option<f64> {
+        let largest = match self.elem(expr.ty) {
+            Elem::Real => f64::from(f32::MAX),
+            Elem::Lreal => f64::MAX,
+            _ => return None,
+        };
+        let bound = match &expr.kind {
+            ExprKind::Const(value) => value.as_f64().abs(),
+            ExprKind::Convert(inner) => {
+                let from = self.elem(inner.ty);
+                // Of a bit string the bits are taken.
+                if !from.is_int() {
+                    return None;
+                }
+                1.9e19
+            }
+            ExprKind::Binary(BinOp::Add | BinOp::Sub, _, left, right) => {
+                self.bound(left)? + self.bound(right)?
+            }
+            ExprKind::Binary(BinOp::Mul, _, left, right) => {
+                self.bound(left)? * self.bound(right)?
+            }
+            _ => return None,
+        };
+        // Half the range is more than all rounding takes.
+        (bound <= largest / 2.0).then_some(bound)
     }
 
     /// Turns the whole f64 on the stack into an integer; traps if it does not fit.

@@ -152,7 +152,7 @@ impl Fun<'_, '_> {
             self.expr(left);
             self.open(I::If(BlockType::Result(ValType::I32)));
             if op == BinOp::And {
-                self.expr(right);
+                self.aside(|f| f.expr(right));
             } else {
                 self.i(I::I32Const(1));
             }
@@ -160,7 +160,7 @@ impl Fun<'_, '_> {
             if op == BinOp::And {
                 self.i(I::I32Const(0));
             } else {
-                self.expr(right);
+                self.aside(|f| f.expr(right));
             }
             self.close();
             return;

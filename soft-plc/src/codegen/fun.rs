@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use wasm_encoder::{BlockType, Instruction as I, MemArg, ValType};
 
 use super::hold::Held;
+use super::known::Known;
 use super::{SiteKind, State};
 use crate::check::tree::{PouId, VarId};
 use crate::memory::{Filler, MEMORY_BYTES_MAX, is_kept};
@@ -50,6 +51,8 @@ pub struct FunctionCode {
     pub code: Vec<I<'static>>,
     pub marks: Vec<(usize, Span)>,
     pub loops: Vec<(usize, usize, Span)>,
+    /// Branches whose condition is nearly always false, or true.
+    pub hints: Vec<(usize, bool)>,
 }
 
 pub struct Fun<'m, 'p> {
@@ -62,6 +65,7 @@ pub struct Fun<'m, 'p> {
     pub slots: BTreeMap<VarId, Slot>,
     marks: Vec<(usize, Span)>,
     pub loops: Vec<(usize, usize, Span)>,
+    hints: Vec<(usize, bool)>,
     /// Number of open blocks.
     pub depth: u32,
     /// Depth of the block that EXIT leaves and of the one that CONTINUE goes to, innermost last.
@@ -72,6 +76,7 @@ pub struct Fun<'m, 'p> {
     pub returns: Vec<(u32, bool)>,
     /// Values that FOR variables keep to.
     pub ranges: BTreeMap<VarId, (i128, i128)>,
+    pub known: Known,
 }
 
 /// Whether variables live only while the POU runs.
@@ -168,11 +173,13 @@ impl<'m, 'p> Fun<'m, 'p> {
             slots: BTreeMap::new(),
             marks: Vec::new(),
             loops: Vec::new(),
+            hints: Vec::new(),
             depth: 0,
             labels: Vec::new(),
             held: Vec::new(),
             returns: Vec::new(),
             ranges: BTreeMap::new(),
+            known: Known::default(),
         };
         fun.prologue();
         // RETURN leaves this block.
@@ -199,6 +206,7 @@ impl<'m, 'p> Fun<'m, 'p> {
             code: fun.code,
             marks: fun.marks,
             loops: fun.loops,
+            hints: fun.hints,
         }
     }
 
@@ -316,6 +324,11 @@ impl<'m, 'p> Fun<'m, 'p> {
         self.marks.push((self.code.len(), span));
     }
 
+    /// Says that the condition of the branch that comes next is nearly always this: the other way is moved aside.
+    pub fn expect(&mut self, condition: bool) {
+        self.hints.push((self.code.len(), condition));
+    }
+
     /// Opens a block, loop or if; answers its depth, for `br`.
     pub fn open(&mut self, instruction: I<'static>) -> u32 {
         self.i(instruction);
@@ -333,7 +346,7 @@ impl<'m, 'p> Fun<'m, 'p> {
         self.depth - target
     }
 
-    fn new_local(&mut self, ty: ValType) -> u32 {
+    pub fn new_local(&mut self, ty: ValType) -> u32 {
         self.locals.push(ty);
         (self.params.len() + self.locals.len()) as u32 - 1
     }
@@ -354,6 +367,7 @@ impl<'m, 'p> Fun<'m, 'p> {
     /// Traps if the i32 on the stack is not 0. `detail` is a local with the value at fault.
     pub fn trap_if(&mut self, kind: SiteKind, span: Span, detail: Option<(u32, Elem)>) {
         let site = self.m.site(kind, self.pou, span);
+        self.expect(false);
         self.open(I::If(BlockType::Empty));
         self.i(I::I32Const(site));
         match detail {

@@ -9,8 +9,10 @@ pub const TRAP: u32 = 0;
 const ASSIGN: u32 = 1;
 const COMPARE: u32 = 3;
 const FIND: u32 = 5;
+/// `(destination, source, bytes)`: copies few bytes without the call that `memory.copy` is; the areas may overlap.
+pub const MOVE: u32 = 7;
 /// How many there are.
-pub const COUNT: u32 = 7;
+pub const COUNT: u32 = 8;
 
 /// `(destination, capacity, source, length)`: stores a string, cut to its capacity; what is left of a longer one becomes 0.
 pub fn assign(wide: bool) -> u32 {
@@ -33,8 +35,8 @@ pub struct Helper {
     pub code: Function,
 }
 
-/// All helpers in the order of their numbers.
-pub fn all() -> Vec<Helper> {
+/// All helpers in the order of their numbers, behind so many imports.
+pub fn all(imports: u32) -> Vec<Helper> {
     let four = || vec![ValType::I32; 4];
     let mut list = vec![Helper {
         params: vec![ValType::I32, ValType::I64],
@@ -45,7 +47,7 @@ pub fn all() -> Vec<Helper> {
         list.push(Helper {
             params: four(),
             results: Vec::new(),
-            code: assign_function(wide),
+            code: assign_function(wide, imports + MOVE),
         });
     }
     for wide in [false, true] {
@@ -62,6 +64,11 @@ pub fn all() -> Vec<Helper> {
             code: find_function(wide),
         });
     }
+    list.push(Helper {
+        params: vec![ValType::I32; 3],
+        results: Vec::new(),
+        code: move_function(),
+    });
     list
 }
 
@@ -107,7 +114,7 @@ fn bytes(local: u32, wide: bool, code: &mut Vec<I<'static>>) {
     }
 }
 
-fn assign_function(wide: bool) -> Function {
+fn assign_function(wide: bool, mover: u32) -> Function {
     // 0 destination, 1 capacity, 2 source, 3 length, 4 length before
     let mut c = vec![
         I::LocalGet(3),
@@ -126,10 +133,7 @@ fn assign_function(wide: bool) -> Function {
         I::LocalGet(2),
     ];
     bytes(3, wide, &mut c);
-    c.push(I::MemoryCopy {
-        src_mem: 0,
-        dst_mem: 0,
-    });
+    c.push(I::Call(mover));
     c.extend([
         I::LocalGet(4),
         I::LocalGet(3),
@@ -158,6 +162,54 @@ fn assign_function(wide: bool) -> Function {
         I::I32Store(at(0, 2)),
     ]);
     function(1, c)
+}
+
+fn move_function() -> Function {
+    // 0 destination, 1 source, 2 bytes. Everything is read before anything is written, so that the areas may overlap.
+    let mut c = vec![
+        I::LocalGet(2),
+        I::I32Const(16),
+        I::I32GtU,
+        I::If(BlockType::Empty),
+        I::LocalGet(0),
+        I::LocalGet(1),
+        I::LocalGet(2),
+        I::MemoryCopy {
+            src_mem: 0,
+            dst_mem: 0,
+        },
+        I::Return,
+        I::End,
+    ];
+    // Two words that overlap: the first bytes and the last ones.
+    for (width, load, store) in [
+        (8, I::I64Load(at(0, 0)), I::I64Store(at(0, 0))),
+        (4, I::I32Load(at(0, 0)), I::I32Store(at(0, 0))),
+        (2, I::I32Load16U(at(0, 0)), I::I32Store16(at(0, 0))),
+        (1, I::I32Load8U(at(0, 0)), I::I32Store8(at(0, 0))),
+    ] {
+        let last = |base: u32| {
+            [
+                I::LocalGet(base),
+                I::LocalGet(2),
+                I::I32Add,
+                I::I32Const(width),
+                I::I32Sub,
+            ]
+        };
+        c.extend([
+            I::LocalGet(2),
+            I::I32Const(width),
+            I::I32GeU,
+            I::If(BlockType::Empty),
+        ]);
+        c.push(I::LocalGet(0));
+        c.extend([I::LocalGet(1), load.clone()]);
+        c.extend(last(0));
+        c.extend(last(1));
+        c.extend([load, store.clone(), store, I::Return, I::End]);
+    }
+    function(0, c)
 }
 
 /// Pushes the character at `base + index`.

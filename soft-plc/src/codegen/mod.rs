@@ -12,6 +12,7 @@ mod expr;
 mod fun;
 mod helper;
 mod hold;
+mod known;
 mod place;
 mod stdfun;
 mod stmt;
@@ -21,9 +22,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 use wasm_encoder::{
-    CodeSection, ConstExpr, DataSection, EntityType, ExportKind, ExportSection, Function,
-    FunctionSection, ImportSection, Instruction, MemorySection, MemoryType, Module, TypeSection,
-    ValType,
+    BranchHint, BranchHints, CodeSection, ConstExpr, DataSection, EntityType, ExportKind,
+    ExportSection, Function, FunctionSection, ImportSection, Instruction, MemorySection,
+    MemoryType, Module, TypeSection, ValType,
 };
 
 use crate::check::tree::{PouId, TypedProject, VarId};
@@ -86,6 +87,8 @@ pub enum SiteKind {
     NullReference,
     /// A character that the string does not have.
     Character,
+    /// A loop that the watchdog has stopped.
+    EndlessLoop,
 }
 
 /// Lines of the code: for traps that have no site, such as an endless loop.
@@ -239,7 +242,8 @@ impl<'p> State<'p> {
         }
         let mut function_section = FunctionSection::new();
         let mut code = CodeSection::new();
-        for helper in helper::all() {
+        let mut hints = BranchHints::new();
+        for helper in helper::all(import_count) {
             function_section.function(types.len());
             types.ty().function(helper.params, helper.results);
             code.function(&helper.code);
@@ -254,7 +258,10 @@ impl<'p> State<'p> {
                 function.params.iter().copied(),
                 function.results.iter().copied(),
             );
-            let (body, map) = self.encode(function, import_count);
+            let (body, map, likely) = self.encode(function, import_count);
+            if !likely.is_empty() {
+                hints.function_hints(import_count + code.len(), likely);
+            }
             code.function(&body);
             code_map.functions.push(map);
         }
@@ -297,6 +304,7 @@ impl<'p> State<'p> {
             .section(&function_section)
             .section(&memory)
             .section(&exports)
+            .section(&hints)
             .section(&code)
             .section(&data);
         let wasm = module.finish();
@@ -314,7 +322,11 @@ impl<'p> State<'p> {
     }
 
     /// Writes the instructions and notes at which byte each statement and loop stands.
-    fn encode(&self, function: &FunctionCode, import_count: u32) -> (Function, FunctionMap) {
+    fn encode(
+        &self,
+        function: &FunctionCode,
+        import_count: u32,
+    ) -> (Function, FunctionMap, Vec<BranchHint>) {
         let mut body = Function::new_with_locals_types(function.locals.iter().copied());
         let pou = self.project.pou(function.pou);
         let mut map = FunctionMap {
@@ -353,7 +365,11 @@ impl<'p> State<'p> {
             map.file
                 .clone_from(&self.project.sources.get(span.source).name);
         }
-        (body, map)
+        let hints = function.hints.iter().map(|(at, taken)| BranchHint {
+            branch_func_offset: offsets[*at],
+            branch_hint_value: u32::from(*taken),
+        });
+        (body, map, hints.collect())
     }
 }
 

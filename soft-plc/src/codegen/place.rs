@@ -354,10 +354,16 @@ impl Fun<'_, '_> {
         let elem = self.whole_elem(place);
         match self.local_of(place) {
             Some(local) => self.i(I::LocalGet(local)),
-            None => {
-                let addr = self.address(place);
-                self.load_from(elem, addr);
-            }
+            None => match self.known_local(place) {
+                Some(local) => self.i(I::LocalGet(local)),
+                None => {
+                    let addr = self.address(place);
+                    self.load_from(elem, addr);
+                    if let Some(local) = self.learn(place) {
+                        self.i(I::LocalTee(local));
+                    }
+                }
+            },
         }
         if let Some((low, count)) = bit {
             self.pick_bits(elem, low, count);
@@ -440,6 +446,12 @@ impl Fun<'_, '_> {
 
     /// Stores the value on the stack to the base below it.
     pub fn store_to(&mut self, elem: Elem, addr: Addr) {
+        self.canonical(elem);
+        self.store_as_it_is(elem, addr);
+    }
+
+    /// The same for a value whose NaN, if it is one, is the canonical one.
+    pub fn store_as_it_is(&mut self, elem: Elem, addr: Addr) {
         let o = addr.offset;
         match addr.form {
             Form::ImageBit(bit) => {
@@ -465,7 +477,6 @@ impl Fun<'_, '_> {
             Form::Image if elem.bits() == 16 => self.i(I::I32Store16(mem(o, 0))),
             _ => {
                 let align = if addr.form == Form::Image { 0 } else { 2 };
-                self.canonical(elem);
                 self.i(match val(elem) {
                     ValType::I64 => I::I64Store(mem(o, align)),
                     ValType::F64 => I::F64Store(mem(o, align)),
@@ -473,6 +484,20 @@ impl Fun<'_, '_> {
                     _ => I::I32Store(mem(o, align)),
                 });
             }
+        }
+    }
+
+    /// `place := value` for a scalar.
+    pub fn store_value(&mut self, place: &Place, value: &Expr) {
+        if self.local_of(place).is_none()
+            && Self::bits_of(place).is_none()
+            && self.is_canonical(value)
+        {
+            let addr = self.address(place);
+            self.expr(value);
+            self.store_known(place, self.elem(place.ty), addr, true);
+        } else {
+            self.store(place, |f| f.expr(value));
         }
     }
 
@@ -489,9 +514,10 @@ impl Fun<'_, '_> {
                 None => {
                     let addr = self.address(place);
                     value(self);
-                    self.store_to(elem, addr);
+                    self.store_known(place, elem, addr, false);
                 }
             }
+            self.forget_dependents(place, local);
             return;
         };
         match local {
@@ -503,7 +529,28 @@ impl Fun<'_, '_> {
                 let kept = self.keep_address(place);
                 self.store_bits(elem, (low, count), &kept, value);
                 self.release_kept(&kept);
+                self.forget(place);
             }
+        }
+        self.forget_dependents(place, local);
+    }
+
+    /// Stores the value on the stack to the base below it, and keeps it in a local if it may be asked for again.
+    fn store_known(&mut self, place: &Place, elem: Elem, addr: Addr, canonical: bool) {
+        self.forget(place);
+        if !canonical {
+            self.canonical(elem);
+        }
+        if let Some(local) = self.learn(place) {
+            self.i(I::LocalTee(local));
+        }
+        self.store_as_it_is(elem, addr);
+    }
+
+    /// A variable in a local is written: cells that it is an index of are others now.
+    fn forget_dependents(&mut self, place: &Place, local: Option<u32>) {
+        if local.is_some() {
+            self.forget(place);
         }
     }
 

@@ -11,6 +11,7 @@ use crate::memory::MC_TIME_AT;
 use crate::source::Span;
 use crate::syntax::ast::BinOp;
 use crate::types::Elem;
+use crate::value::Value;
 
 impl Fun<'_, '_> {
     pub fn standard(&mut self, fun: StdFun, args: &[Expr], elem: Elem, span: Span) {
@@ -34,16 +35,18 @@ impl Fun<'_, '_> {
             Signature::Extensible => {
                 self.expr(&args[0]);
                 for next in &args[1..] {
-                    self.expr(next);
-                    self.pick(fun == StdFun::Max, elem);
+                    self.pick_from(fun == StdFun::Max, elem, next);
                 }
             }
             Signature::Limit => {
-                self.expr(&args[0]);
-                self.expr(&args[1]);
-                self.pick(true, elem);
-                self.expr(&args[2]);
-                self.pick(false, elem);
+                if real_bound(&args[0]).is_some() {
+                    self.expr(&args[1]);
+                    self.pick_from(true, elem, &args[0]);
+                } else {
+                    self.expr(&args[0]);
+                    self.pick_from(true, elem, &args[1]);
+                }
+                self.pick_from(false, elem, &args[2]);
             }
             Signature::Trunc => {
                 self.expr(&args[0]);
@@ -148,6 +151,30 @@ impl Fun<'_, '_> {
         let params = vec![ty; args.len()];
         let number = self.m.import(name, &params, &[ty]);
         self.i(I::Call(number));
+    }
+
+    /// The larger or smaller of the value on the stack and another.
+    fn pick_from(&mut self, larger: bool, elem: Elem, other: &Expr) {
+        let Some(bound) = real_bound(other) else {
+            self.expr(other);
+            return self.pick(larger, elem);
+        };
+        // With a bound that is neither 0 nor a NaN, a comparison that keeps the value in doubt (NaN) does what the
+        // instructions of Wasm do, and has one of the processor's own.
+        let local = self.temp(val(elem));
+        self.i(I::LocalSet(local));
+        self.constant(bound, elem);
+        self.i(I::LocalGet(local));
+        if larger {
+            self.i(I::LocalGet(local));
+            self.constant(bound, elem);
+        } else {
+            self.constant(bound, elem);
+            self.i(I::LocalGet(local));
+        }
+        self.i(simple(BinOp::Lt, elem));
+        self.i(I::Select);
+        self.release(local);
     }
 
     /// The larger or smaller of the two values on the stack.
@@ -360,5 +387,16 @@ impl Fun<'_, '_> {
         self.normalise(elem);
         self.release(left);
         self.release(v);
+    }
+}
+
+/// A constant real number that is neither 0 nor a NaN.
+fn real_bound(expr: &Expr) -> Option<Value> {
+    match &expr.kind {
+        ExprKind::Const(value @ (Value::Real(_) | Value::Lreal(_))) => {
+            let number = value.as_f64();
+            (number != 0.0 && !number.is_nan()).then_some(*value)
+        }
+        _ => None,
     }
 }

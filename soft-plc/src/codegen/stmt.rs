@@ -4,24 +4,33 @@ use std::borrow::Cow;
 
 use wasm_encoder::{BlockType, Instruction as I, ValType};
 
+use super::SiteKind;
 use super::expr::simple;
-use super::fun::{Fun, val};
-use crate::check::tree::{Branch, Expr, ExprKind, For, Limits, Place, Stmt, StmtKind};
+use super::fun::{Fun, mem, val};
+use crate::check::tree::{Branch, Expr, ExprKind, For, Limits, Place, Root, Stmt, StmtKind};
+use crate::check::visit::{Node, visit, visit_writes};
 use crate::diag::Problem;
+use crate::memory::{STOP_AT, STOP_FENCE_AT};
 use crate::source::Span;
 use crate::syntax::ast::BinOp;
 use crate::types::{Elem, TypeKind};
 use crate::value::Value;
 
-/// A CASE becomes a jump table if it has at least this many values ...
-const TABLE_VALUES_MIN: usize = 4;
+/// A CASE with so many ranges is decided by halving: such branches are foreseen better than a jump through a table.
+const TREE_RANGES: std::ops::RangeInclusive<usize> = 4..=16;
+/// A CASE becomes a jump table if it has at least this many ranges ...
+const TABLE_VALUES_MIN: usize = 17;
 /// ... and they span at most this many numbers.
 const TABLE_SPAN_MAX: i64 = 1024;
+
+/// A FOR loop of so many steps, without calls and loops inside, needs no look at the watchdog.
+const UNWATCHED_STEPS_MAX: i128 = 256;
 
 impl Fun<'_, '_> {
     pub fn stmts(&mut self, list: &[Stmt]) {
         for stmt in list {
             self.mark(stmt.span);
+            self.known.forget_old(self.code.len());
             self.stmt(stmt);
         }
     }
@@ -31,10 +40,19 @@ impl Fun<'_, '_> {
             stmt.kind,
             StmtKind::For(_) | StmtKind::While(..) | StmtKind::Repeat(..)
         );
+        let jumps = is_loop || matches!(stmt.kind, StmtKind::Block(_));
+        if jumps {
+            // What holds wherever EXIT, CONTINUE, RETURN and the next round lead.
+            self.forget_writes(std::slice::from_ref(stmt));
+        }
+        let stable = self.known.valid.clone();
         if is_loop {
             self.hold_for(stmt);
         }
         self.kind(stmt);
+        if jumps {
+            self.known.meet(&stable);
+        }
         if is_loop {
             self.let_go();
         }
@@ -56,6 +74,7 @@ impl Fun<'_, '_> {
                 let start = self.code.len();
                 let exit = self.open(I::Block(BlockType::Empty));
                 let top = self.open(I::Loop(BlockType::Empty));
+                self.watch(stmt.span);
                 self.expr(condition);
                 self.i(I::I32Eqz);
                 self.i(I::BrIf(self.label(exit)));
@@ -69,9 +88,12 @@ impl Fun<'_, '_> {
                 let start = self.code.len();
                 let exit = self.open(I::Block(BlockType::Empty));
                 let top = self.open(I::Loop(BlockType::Empty));
+                self.watch(stmt.span);
                 let next = self.open(I::Block(BlockType::Empty));
                 self.labels.push((exit, next));
+                let stable = self.known.valid.clone();
                 self.stmts(body);
+                self.known.meet(&stable);
                 self.labels.pop();
                 self.close();
                 self.expr(condition);
@@ -126,6 +148,54 @@ impl Fun<'_, '_> {
         self.loops.push((start, self.code.len(), span));
     }
 
+    /// Whether the FOR variable is in a local that its body does not write.
+    fn is_own_counter(&self, data: &For) -> bool {
+        let same = |place: &Place| match (&place.root, &data.var.root) {
+            (Root::Var(a), Root::Var(b)) => a == b,
+            _ => false,
+        };
+        let mut own = data.var.steps.is_empty() && self.local_of(&data.var).is_some();
+        visit_writes(&data.body, &mut |place, _| own &= !same(place));
+        own
+    }
+
+    /// Whether the loop certainly ends so soon that the watchdog can wait for it: few steps, and nothing inside that takes long.
+    fn is_short(&self, data: &For) -> bool {
+        let known = constant_of;
+        let (Some(from), Some(to), Some(by)) =
+            (known(&data.from), known(&data.to), known(&data.by))
+        else {
+            return false;
+        };
+        let mut short =
+            by != 0 && (to - from) / by < UNWATCHED_STEPS_MAX && self.is_own_counter(data);
+        visit(&data.body, &mut |node| {
+            short &= match node {
+                Node::Call(_) => false,
+                Node::Stmt(stmt) => !matches!(
+                    stmt.kind,
+                    StmtKind::Invoke(_)
+                        | StmtKind::For(_)
+                        | StmtKind::While(..)
+                        | StmtKind::Repeat(..)
+                        | StmtKind::CopyRegion { .. }
+                ),
+                Node::Place(_) | Node::Expr(_) => true,
+            };
+        });
+        short
+    }
+
+    /// At the top of a loop: ends the scan when the watchdog wants it.
+    fn watch(&mut self, span: Span) {
+        self.i(I::I32Const(0));
+        self.i(I::I32Const(0));
+        self.i(I::I32Store(mem(STOP_FENCE_AT, 2)));
+        self.i(I::I32Const(0));
+        self.i(I::I32Load(mem(STOP_AT, 2)));
+        self.trap_if(SiteKind::EndlessLoop, span, None);
+    }
+
     fn assign(&mut self, place: &Place, value: &Expr) {
         if self.m.project.types.text(place.ty).is_some() {
             self.assign_text(place, value);
@@ -134,21 +204,28 @@ impl Fun<'_, '_> {
             self.push_full_address(place);
             self.aggregate(value);
             self.copy(size);
+            self.forget(place);
         } else {
-            self.store(place, |f| f.expr(value));
+            self.store_value(place, value);
         }
     }
 
     fn if_chain(&mut self, branches: &[(Expr, Vec<Stmt>)], otherwise: &[Stmt]) {
+        let mut ends = Vec::new();
         for (index, (condition, body)) in branches.iter().enumerate() {
             self.expr(condition);
             self.open(I::If(BlockType::Empty));
+            let before = self.known.valid.clone();
             self.stmts(body);
+            ends.push(std::mem::replace(&mut self.known.valid, before));
             if index + 1 < branches.len() || !otherwise.is_empty() {
                 self.i(I::Else);
             }
         }
         self.stmts(otherwise);
+        for end in ends {
+            self.known.meet(&end);
+        }
         for _ in branches {
             self.close();
         }
@@ -167,6 +244,12 @@ impl Fun<'_, '_> {
             && span <= 8 * all.len() as i64 + 16;
         if use_table {
             self.case_table(local, min, span, branches, otherwise);
+        } else if TREE_RANGES.contains(&all.len())
+            && are_apart(&all)
+            // The upper half of ULINT and LWORD is written as negative numbers here, which stand in another order.
+            && (elem.is_signed() || min >= 0)
+        {
+            self.case_tree(local, elem, branches, otherwise);
         } else {
             self.case_chain(local, elem, branches, otherwise);
         }
@@ -190,28 +273,89 @@ impl Fun<'_, '_> {
                 }
             }
         }
-        let exit = self.open(I::Block(BlockType::Empty));
-        for _ in 0..=count {
-            self.open(I::Block(BlockType::Empty));
-        }
+        let exit = self.open_branches(branches);
         self.i(I::LocalGet(local));
         if min != 0 {
             self.i(I::I32Const(min as i32));
             self.i(I::I32Sub);
         }
         self.i(I::BrTable(Cow::Owned(table), count));
+        self.close_branches(exit, branches, otherwise);
+    }
+
+    /// Opens a block for the whole CASE, one for ELSE, and one for each branch: the first is the innermost.
+    fn open_branches(&mut self, branches: &[Branch]) -> u32 {
+        let exit = self.open(I::Block(BlockType::Empty));
+        for _ in 0..=branches.len() {
+            self.open(I::Block(BlockType::Empty));
+        }
+        exit
+    }
+
+    /// Closes the blocks; the statements of each branch stand behind its own.
+    fn close_branches(&mut self, exit: u32, branches: &[Branch], otherwise: &[Stmt]) {
+        let before = self.known.valid.clone();
+        let mut ends = Vec::new();
         for (_, body) in branches {
             self.close();
             self.stmts(body);
+            ends.push(std::mem::replace(&mut self.known.valid, before.clone()));
             self.i(I::Br(self.label(exit)));
         }
         self.close();
         self.stmts(otherwise);
+        for end in ends {
+            self.known.meet(&end);
+        }
         self.close();
+    }
+
+    fn case_tree(&mut self, local: u32, elem: Elem, branches: &[Branch], otherwise: &[Stmt]) {
+        let exit = self.open_branches(branches);
+        let innermost = self.depth;
+        let mut ranges: Vec<(i64, i64, u32)> = Vec::new();
+        for (number, (list, _)) in branches.iter().enumerate() {
+            let target = innermost - number as u32;
+            ranges.extend(list.iter().map(|(low, high)| (*low, *high, target)));
+        }
+        ranges.sort_unstable();
+        self.decide(local, elem, &ranges, innermost - branches.len() as u32);
+        self.close_branches(exit, branches, otherwise);
+    }
+
+    /// Goes to the block of the range that the value lies in, or to `otherwise`. The ranges ascend.
+    fn decide(&mut self, local: u32, elem: Elem, ranges: &[(i64, i64, u32)], otherwise: u32) {
+        let bound = |v: i64| Value::from_i128(elem, i128::from(v));
+        if let [(low, high, target)] = ranges {
+            self.i(I::LocalGet(local));
+            self.constant(bound(*low), elem);
+            if low == high {
+                self.i(simple(BinOp::Eq, elem));
+            } else {
+                self.i(simple(BinOp::Ge, elem));
+                self.i(I::LocalGet(local));
+                self.constant(bound(*high), elem);
+                self.i(simple(BinOp::Le, elem));
+                self.i(I::I32And);
+            }
+            self.i(I::BrIf(self.label(*target)));
+            self.i(I::Br(self.label(otherwise)));
+            return;
+        }
+        let (lower, upper) = ranges.split_at(ranges.len() / 2);
+        self.i(I::LocalGet(local));
+        self.constant(bound(upper[0].0), elem);
+        self.i(simple(BinOp::Lt, elem));
+        self.open(I::If(BlockType::Empty));
+        self.decide(local, elem, lower, otherwise);
+        self.close();
+        self.decide(local, elem, upper, otherwise);
     }
 
     fn case_chain(&mut self, local: u32, elem: Elem, branches: &[Branch], otherwise: &[Stmt]) {
         let exit = self.open(I::Block(BlockType::Empty));
+        let before = self.known.valid.clone();
+        let mut ends = Vec::new();
         for (ranges, body) in branches {
             if ranges.is_empty() {
                 continue;
@@ -235,10 +379,14 @@ impl Fun<'_, '_> {
             }
             self.open(I::If(BlockType::Empty));
             self.stmts(body);
+            ends.push(std::mem::replace(&mut self.known.valid, before.clone()));
             self.i(I::Br(self.label(exit)));
             self.close();
         }
         self.stmts(otherwise);
+        for end in ends {
+            self.known.meet(&end);
+        }
         self.close();
     }
 
@@ -248,16 +396,15 @@ impl Fun<'_, '_> {
         let elem = self.elem(data.var.ty);
         let ty = val(elem);
         let wide = ty == ValType::I64;
+        let stable = self.known.valid.clone();
         self.store(&data.var, |f| f.expr(&data.from));
-        let known = |e: &Expr| match &e.kind {
-            ExprKind::Const(v) => v.as_i128(),
-            _ => None,
-        };
+        let known = constant_of;
         let end = known(&data.to).is_none().then(|| self.spill(&data.to));
         let step = known(&data.by).is_none().then(|| self.spill(&data.by));
+        // If nothing but the loop writes the variable, its first value is tested once, and each next one where it is made.
+        let own = self.is_own_counter(data);
         let start = self.code.len();
         let exit = self.open(I::Block(BlockType::Empty));
-        let top = self.open(I::Loop(BlockType::Empty));
 
         let push_end = |f: &mut Self| match end {
             Some(local) => f.i(I::LocalGet(local)),
@@ -299,7 +446,7 @@ impl Fun<'_, '_> {
         };
         let either = |f: &mut Self, up: &dyn Fn(&mut Self, bool)| match upwards {
             Some(direction) => up(f, direction),
-            None => {
+            None => f.aside(|f| {
                 push_step(f);
                 f.i(zero.clone());
                 f.i(simple(BinOp::Ge, elem));
@@ -308,10 +455,26 @@ impl Fun<'_, '_> {
                 f.i(I::Else);
                 up(f, false);
                 f.close();
-            }
+            }),
         };
-        either(self, &push_past);
-        self.i(I::BrIf(self.label(exit)));
+        let runs = match (known(&data.from), known(&data.to), upwards) {
+            (Some(from), Some(to), Some(up)) => from == to || (from < to) == up,
+            _ => false,
+        };
+        if own && !runs {
+            either(self, &push_past);
+            self.i(I::BrIf(self.label(exit)));
+        }
+        // What the limits have read may be written by the body.
+        self.known.meet(&stable);
+        let top = self.open(I::Loop(BlockType::Empty));
+        if !self.is_short(data) {
+            self.watch(span);
+        }
+        if !own {
+            either(self, &push_past);
+            self.i(I::BrIf(self.label(exit)));
+        }
         self.check_counter(data);
         let next = self.open(I::Block(BlockType::Empty));
         self.labels.push((exit, next));
@@ -320,6 +483,7 @@ impl Fun<'_, '_> {
         let to = known(&data.to).filter(|_| step_known);
         let ranged = self.note_range(&data.var, known(&data.from), to, &data.body);
         self.stmts(&data.body);
+        self.known.meet(&stable);
         if let Some(var) = ranged {
             self.ranges.remove(&var);
         }
@@ -327,8 +491,14 @@ impl Fun<'_, '_> {
         self.close();
         let limits = elem.limits().unwrap_or((0, 0));
         let cannot_wrap = match (known(&data.to), known(&data.by)) {
-            (Some(to), Some(by)) => (limits.0..=limits.1).contains(&(to + by)),
+            (Some(to), Some(by)) if own => (limits.0..=limits.1).contains(&(to + by)),
             _ => false,
+        };
+        // Has the step wrapped? The body may have brought the variable to anything.
+        let push_wrapped = |f: &mut Self, up: bool, before: u32| {
+            f.load(&data.var);
+            f.i(I::LocalGet(before));
+            f.i(simple(if up { BinOp::Lt } else { BinOp::Gt }, elem));
         };
         let current = self.temp(ty);
         self.load(&data.var);
@@ -342,12 +512,14 @@ impl Fun<'_, '_> {
             }
         });
         if cannot_wrap {
-            self.i(I::Br(self.label(top)));
-        } else {
+            either(self, &push_past);
+        } else if own {
             either(self, &|f, up| push_last(f, up, current));
-            self.i(I::I32Eqz);
-            self.i(I::BrIf(self.label(top)));
+        } else {
+            either(self, &|f, up| push_wrapped(f, up, current));
         }
+        self.i(I::I32Eqz);
+        self.i(I::BrIf(self.label(top)));
         self.release(current);
         self.end_loop(start, span);
         for local in [end, step].into_iter().flatten() {
@@ -414,5 +586,21 @@ impl Fun<'_, '_> {
             self.push_full_address(array);
         }
         self.copy(region.len);
+        self.known.forget_all();
+    }
+}
+
+/// Whether no value lies in two of the ranges.
+fn are_apart(ranges: &[(i64, i64)]) -> bool {
+    let mut sorted = ranges.to_vec();
+    sorted.sort_unstable();
+    sorted.iter().all(|(low, high)| low <= high)
+        && sorted.windows(2).all(|pair| pair[0].1 < pair[1].0)
+}
+
+fn constant_of(expr: &Expr) -> Option<i128> {
+    match &expr.kind {
+        ExprKind::Const(value) => value.as_i128(),
+        _ => None,
     }
 }

@@ -426,10 +426,7 @@ impl Fun<'_, '_> {
             self.i(I::LocalGet(piece.ptr));
             self.i(I::LocalGet(room));
             self.scale_units(wide);
-            self.i(I::MemoryCopy {
-                src_mem: 0,
-                dst_mem: 0,
-            });
+            self.i(I::Call(helper::MOVE));
             self.i(I::LocalGet(total));
             self.i(I::LocalGet(room));
             self.i(I::I32Add);

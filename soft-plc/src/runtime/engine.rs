@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use wasmtime::{Config, InstancePre, Linker, OptLevel};
+use wasmtime::{Config, Inlining, InstancePre, Linker, OptLevel};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::codegen::CompiledMc;
+use crate::runtime::watchdog::Watchdog;
 use crate::runtime::{math, text};
 
 /// How an endless loop is stopped.
@@ -48,6 +49,7 @@ pub enum RuntimeError {
 pub struct Engine {
     pub(super) inner: wasmtime::Engine,
     pub(super) options: EngineOptions,
+    pub(super) watchdog: Arc<Watchdog>,
     linker: Arc<Linker<()>>,
 }
 
@@ -65,12 +67,25 @@ const HEADER_BYTES: usize = 24;
 
 impl Engine {
     pub fn new(options: EngineOptions) -> Result<Self, RuntimeError> {
+        // Fuel runs out anywhere, and only calls that are left in the code tell in which POU.
+        let inlining = !matches!(options.interruption, Interruption::Fuel(_));
+        Self::with_inlining(options, inlining)
+    }
+
+    /// The same with calls between POUs replaced by what they call, or left alone.
+    pub fn with_inlining(options: EngineOptions, inlining: bool) -> Result<Self, RuntimeError> {
         let mut config = Config::new();
         config
             // Compiled code itself makes NaNs canonical where their bits can be seen; doing it after each operation is slow.
             .cranelift_nan_canonicalization(false)
             .cranelift_opt_level(OptLevel::Speed)
-            .epoch_interruption(options.interruption == Interruption::Epoch)
+            // Function blocks are small and called often: the calls cost more than what they do.
+            .compiler_inlining(if inlining {
+                Inlining::Yes
+            } else {
+                Inlining::No
+            })
+            .wasm_branch_hinting(true)
             .consume_fuel(matches!(options.interruption, Interruption::Fuel(_)));
         let inner = wasmtime::Engine::new(&config).map_err(RuntimeError::Setup)?;
         let mut linker = Linker::new(&inner);
@@ -79,6 +94,7 @@ impl Engine {
         Ok(Self {
             inner,
             options,
+            watchdog: Arc::new(Watchdog::default()),
             linker: Arc::new(linker),
         })
     }
@@ -136,7 +152,7 @@ impl Engine {
 
     /// One tick of the watchdog: a scan that has used up its ticks is stopped. Called from the shell's watchdog thread.
     pub fn interrupt_tick(&self) {
-        self.inner.increment_epoch();
+        self.watchdog.tick();
     }
 }
 

@@ -6,9 +6,10 @@ use wasmtime::{Memory, Store, TypedFunc};
 
 use crate::codegen::{CompiledMc, MEMORY_EXPORT, SCAN_EXPORT};
 use crate::layout::{Layout, Region, TypeNode, VariableInfo};
-use crate::memory::{MC_TIME_AT, TRAP_SITE_AT};
+use crate::memory::{MC_TIME_AT, STOP_AT, SYSTEM_BYTES, TRAP_SITE_AT};
 use crate::runtime::engine::{Engine, Interruption, Module, RuntimeError};
 use crate::runtime::trap::{self, Trap};
+use crate::runtime::watchdog::{Watch, Watchdog};
 use crate::value::Value;
 
 /// A value that cannot be written.
@@ -33,6 +34,16 @@ pub struct Instance {
     scan: TypedFunc<(), ()>,
     mc: Arc<CompiledMc>,
     interruption: Interruption,
+    /// With `Interruption::Epoch`: how the watchdog sees the instance.
+    watched: Option<(Arc<Watchdog>, Arc<Watch>)>,
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        if let Some((watchdog, watch)) = &self.watched {
+            watchdog.forget(watch);
+        }
+    }
 }
 
 impl Instance {
@@ -47,12 +58,20 @@ impl Instance {
         let scan = instance
             .get_typed_func(&mut store, SCAN_EXPORT)
             .map_err(fail)?;
+        let watched = (engine.options.interruption == Interruption::Epoch).then(|| {
+            let stop = memory.data_ptr(&store).wrapping_add(STOP_AT as usize);
+            // SAFETY: the memory has its largest size from the beginning, so that it stays where it is until the store goes,
+            // and `drop` forgets the watch before; while a scan runs nothing here refers to the memory.
+            let watch = unsafe { engine.watchdog.watch(stop.cast()) };
+            (engine.watchdog.clone(), watch)
+        });
         Ok(Self {
             store,
             memory,
             scan,
             mc: module.mc.clone(),
             interruption: engine.options.interruption,
+            watched,
         })
     }
 
@@ -62,16 +81,22 @@ impl Instance {
     /// One host call; nothing is allocated unless it traps. After a trap the memory is half updated: the caller restores the
     /// regions, and may go on with the instance.
     pub fn scan(&mut self, mc_time_ns: i64, budget_ticks: u64) -> Result<(), Trap> {
-        self.put(MC_TIME_AT, &mc_time_ns.to_le_bytes());
-        match self.interruption {
-            Interruption::Epoch => self.store.set_epoch_deadline(budget_ticks),
-            Interruption::Fuel(amount) => {
-                // Only fails in an engine without fuel.
-                let _ = self.store.set_fuel(amount);
-            }
-            Interruption::None => {}
+        let system = &mut self.memory.data_mut(&mut self.store)[..SYSTEM_BYTES as usize];
+        system[MC_TIME_AT as usize..][..8].copy_from_slice(&mc_time_ns.to_le_bytes());
+        // The watchdog may have written it when the scan before had already ended.
+        system[STOP_AT as usize..][..4].fill(0);
+        if let Interruption::Fuel(amount) = self.interruption {
+            // Only fails in an engine without fuel.
+            let _ = self.store.set_fuel(amount);
         }
-        match self.scan.call(&mut self.store, ()) {
+        if let Some((watchdog, watch)) = &self.watched {
+            watchdog.begin(watch, budget_ticks);
+        }
+        let result = self.scan.call(&mut self.store, ());
+        if let Some((_, watch)) = &self.watched {
+            watch.end();
+        }
+        match result {
             Ok(()) => Ok(()),
             Err(error) => Err(self.explain(&error)),
         }

@@ -5,6 +5,7 @@ mod instance;
 mod math;
 mod text;
 mod trap;
+mod watchdog;
 
 pub use engine::{Engine, EngineOptions, Interruption, Module, RuntimeError};
 pub use instance::{Instance, WriteError};

@@ -21,6 +21,8 @@ pub enum TrapKind {
     Internal,
 }
 
+const TOO_LONG: &str = "the scan took too long and was stopped (endless loop?)";
+
 /// A scan that was stopped: why, and at which line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 pub struct Trap {
@@ -62,10 +64,7 @@ pub(super) fn explain(mc: &CompiledMc, error: &wasmtime::Error, memory: &[u8]) -
         };
     }
     let (kind, message) = match cause {
-        Some(wasmtime::Trap::Interrupt | wasmtime::Trap::OutOfFuel) => (
-            TrapKind::EndlessLoop,
-            "the scan took too long and was stopped (endless loop?)".to_owned(),
-        ),
+        Some(wasmtime::Trap::OutOfFuel) => (TrapKind::EndlessLoop, TOO_LONG.to_owned()),
         Some(wasmtime::Trap::StackOverflow) => (
             TrapKind::StackOverflow,
             "the calls are nested too deeply".to_owned(),
@@ -101,6 +100,7 @@ fn describe(kind: &SiteKind, detail: i64) -> (TrapKind, String) {
             TrapKind::Index,
             format!("MUX has {count} inputs and none with number {detail}"),
         ),
+        SiteKind::EndlessLoop => (TrapKind::EndlessLoop, TOO_LONG.to_owned()),
         SiteKind::Character => (
             TrapKind::Index,
             format!("the string has no character {detail}"),

@@ -20,7 +20,8 @@ pub const ENTRY: &str = "Main";
 
 pub fn engine() -> Engine {
     let interruption = Interruption::Fuel(FUEL);
-    Engine::new(EngineOptions { interruption }).expect("the engine can be set up")
+    // With calls inlined, as on a controller.
+    Engine::with_inlining(EngineOptions { interruption }, true).expect("the engine can be set up")
 }
 
 /// A project compiled once; each of its programs is run by itself.
