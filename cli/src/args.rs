@@ -472,6 +472,9 @@ pub struct CheckArgs {
     /// Cell models, Structured Text and PLCopen XML; the kind is recognised from the content
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// Folder within which a model's references may lie; without it an AutomationML model is kept to its own folder
+    #[arg(long, value_name = "DIR")]
+    pub root: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,

@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use fam_engineering::caex::container;
 use fam_engineering::convert::{Form, convert as convert_model, write_files};
+use fam_engineering::files::ModelAt;
 use fam_engineering::generate::Target;
 use fam_engineering::{BuiltCell, import, new_cell, output, plcopen, reload, show as show_model};
 use fam_soft_plc::source::SourceFile;
@@ -16,14 +17,27 @@ pub struct ModelArgs {
     /// AutomationML (.aml, .amlx) or cell.toml
     #[arg(value_name = "MODEL")]
     pub cell: PathBuf,
+    /// Folder within which the model's references may lie; without it an AutomationML model is kept to its own folder
+    #[arg(long, value_name = "DIR")]
+    pub root: Option<PathBuf>,
+}
+
+impl ModelArgs {
+    fn at(&self) -> ModelAt<'_> {
+        at(&self.cell, self.root.as_deref())
+    }
+}
+
+/// A model and how far its references may lead.
+fn at<'a>(file: &'a Path, root: Option<&'a Path>) -> ModelAt<'a> {
+    ModelAt { file, root }
 }
 
 /// `fam generate`
 #[derive(Debug, Args)]
 pub struct GenerateArgs {
-    /// AutomationML (.aml, .amlx) or cell.toml
-    #[arg(value_name = "MODEL")]
-    pub cell: PathBuf,
+    #[command(flatten)]
+    pub model: ModelArgs,
     /// Where to
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -71,6 +85,9 @@ pub struct ConvertArgs {
     /// Path of an FAM.aml that is there already, from the new model; otherwise it is written beside it
     #[arg(long, value_name = "FILE")]
     pub library: Option<String>,
+    /// Folder within which the model's references may lie; without it an AutomationML model is kept to its own folder
+    #[arg(long, value_name = "DIR")]
+    pub root: Option<PathBuf>,
 }
 
 /// `fam new`
@@ -102,8 +119,8 @@ pub struct ExportArgs {
 }
 
 /// Checks a model; prints all problems at once.
-pub fn check(path: &Path) -> Result<bool> {
-    match fam_engineering::build(path) {
+pub fn check(path: &Path, root: Option<&Path>) -> Result<bool> {
+    match fam_engineering::build(at(path, root)) {
         Ok(built) => {
             warn(&built);
             println!(
@@ -133,7 +150,7 @@ pub fn generate(args: &GenerateArgs) -> Result<()> {
         TargetArg::Fam => Target::Fam,
         TargetArg::Portable => Target::Portable,
     };
-    let (files, built) = output::write(&args.cell, target, &args.out)?;
+    let (files, built) = output::write(args.model.at(), target, &args.out)?;
     warn(&built);
     for file in files {
         println!("{}", file.display());
@@ -144,7 +161,7 @@ pub fn generate(args: &GenerateArgs) -> Result<()> {
 
 /// Prints a cell.
 pub fn show(args: &ShowArgs) -> Result<()> {
-    let built = fam_engineering::build(&args.model.cell)?;
+    let built = fam_engineering::build(args.model.at())?;
     if args.json {
         println!("{}", serde_json::to_string_pretty(&built.model)?);
     } else {
@@ -184,21 +201,22 @@ fn place(path: &Path) -> Result<(&Path, String)> {
 /// Writes a model in another form.
 pub fn convert(args: &ConvertArgs) -> Result<()> {
     let (dir, name) = place(&args.to)?;
+    let from = at(&args.from, args.root.as_deref());
     let caex = Form::Caex {
         library: args.library.clone(),
     };
     match ending(&args.to).as_str() {
         "amlx" => {
             let inner = format!("{}.aml", name.trim_end_matches(".amlx"));
-            let converted = convert_model(&args.from, &inner, &caex)?;
+            let converted = convert_model(from, &inner, &caex)?;
             let bytes = container::pack(&converted.files, &inner);
             std::fs::write(&args.to, bytes)
                 .with_context(|| format!("cannot write {}", args.to.display()))?;
             println!("{}", args.to.display());
             Ok(())
         }
-        "aml" => write_new(&convert_model(&args.from, &name, &caex)?.files, dir),
-        "toml" => write_new(&convert_model(&args.from, &name, &Form::Toml)?.files, dir),
+        "aml" => write_new(&convert_model(from, &name, &caex)?.files, dir),
+        "toml" => write_new(&convert_model(from, &name, &Form::Toml)?.files, dir),
         _ => bail!(
             "{} has no ending that says its form: expected .aml, .amlx or .toml",
             args.to.display()
@@ -258,7 +276,7 @@ pub fn import(args: &ImportArgs) -> Result<()> {
 
 /// Writes the logic of a model as one project.
 pub fn export(args: &ExportArgs) -> Result<()> {
-    let built = fam_engineering::build(&args.model.cell)?;
+    let built = fam_engineering::build(args.model.at())?;
     std::fs::write(&args.plcopen, plcopen::ordinary_project(&built))
         .with_context(|| format!("cannot write {}", args.plcopen.display()))?;
     println!("{}", args.plcopen.display());

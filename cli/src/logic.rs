@@ -42,7 +42,7 @@ pub fn check(args: &CheckArgs) -> Result<bool> {
     let mut fine = true;
     for path in &args.files {
         match kind_of(path)? {
-            Kind::Cell => fine &= crate::engineering::check(path)?,
+            Kind::Cell => fine &= crate::engineering::check(path, args.root.as_deref())?,
             Kind::StructuredText => texts.push(path.clone()),
             Kind::PlcopenXml => projects.push(vec![path.clone()]),
         }

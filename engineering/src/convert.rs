@@ -3,7 +3,7 @@
 //! AutomationML refers to PLCopen XML, so that Structured Text becomes that on the way there; a `cell.toml` takes either.
 
 use crate::caex::{FAM_LIBRARY, FAM_LIBRARY_FILE, write as caex_write};
-use crate::files::ModelFiles;
+use crate::files::{ModelAt, ModelFiles};
 use crate::model::open::{Opened, open};
 use crate::model::toml_file::CellFile;
 use crate::model::toml_text;
@@ -41,7 +41,11 @@ pub enum Form {
 ///
 /// # Errors
 /// [`Problems`] of reading it, and of its logic where that has to be rewritten.
-pub fn convert(from: &Path, file_name: &str, form: &Form) -> Result<Converted, Problems> {
+pub fn convert<'a>(
+    from: impl Into<ModelAt<'a>>,
+    file_name: &str,
+    form: &Form,
+) -> Result<Converted, Problems> {
     let Opened {
         file,
         files,
@@ -213,6 +217,12 @@ fn free_name(name: &str, taken: &mut BTreeSet<String>) -> String {
     free
 }
 
+/// A file or folder that cannot be written.
+pub(crate) fn not_written(path: &Path, e: &std::io::Error) -> Diagnostic {
+    file_error("M601", path, format!("it cannot be written: {e}"))
+        .hint("give a folder that can be written, and that has no folder or file of another kind by this name")
+}
+
 /// Writes files below a folder, which is made if needed.
 ///
 /// # Errors
@@ -221,9 +231,7 @@ pub fn write_files(files: &BTreeMap<String, String>, dir: &Path) -> Result<Vec<P
     let mut list = Vec::new();
     for (name, text) in files {
         let path = dir.join(name);
-        let failed = |e: std::io::Error| {
-            Problems::one(file_error("M601", &path, format!("cannot be written: {e}")))
-        };
+        let failed = |e: std::io::Error| Problems::one(not_written(&path, &e));
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(failed)?;
         }

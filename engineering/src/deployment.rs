@@ -197,8 +197,10 @@ impl DeploymentFile {
     /// # Errors
     /// [`Problems`] with the place of an unknown or wrong key.
     pub fn read(path: &Path) -> Result<DeploymentFile, Problems> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| Problems::one(file_error("M103", path, format!("cannot be read: {e}"))))?;
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            let problem = file_error("M103", path, format!("the deployment cannot be read: {e}"));
+            Problems::one(problem.hint("give the path of a deployment.toml"))
+        })?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         Self::parse(&path.display().to_string(), text, folder)
     }

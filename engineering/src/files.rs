@@ -1,7 +1,7 @@
 //! The files of a model: read from its folder or out of its container, with a limit on their size.
 //!
-//! An AutomationML model may come from anybody, so that what it refers to stays within its folder. A `cell.toml` is written
-//! by whoever runs it and may name any file.
+//! An AutomationML model may come from anybody, so that what it refers to stays within its folder, or within the one that its
+//! user names as root. A `cell.toml` is written by whoever runs it and may name any file, unless a root is named.
 
 use std::collections::BTreeMap;
 use std::io::Read as _;
@@ -46,7 +46,7 @@ impl FileError {
     pub fn hint(&self) -> &'static str {
         match self {
             FileError::Leaves(_) => {
-                "copy the file into the model's folder, or move the model up to the folder that holds both"
+                "copy the file into the model's folder, or name the folder that holds both with `--root DIR`"
             }
             FileError::Unreadable { .. } => {
                 "paths are relative to the file that names them, also after `file:///`"
@@ -57,10 +57,54 @@ impl FileError {
     }
 }
 
+/// A model file, and how far its references may lead.
+#[derive(Debug, Clone, Copy)]
+pub struct ModelAt<'a> {
+    /// The model.
+    pub file: &'a Path,
+    /// The folder within which everything lies that it refers to: `--root`. Without one an AutomationML model is kept to its own
+    /// folder, and a `cell.toml` to none.
+    pub root: Option<&'a Path>,
+}
+
+impl<'a, P: AsRef<Path> + ?Sized> From<&'a P> for ModelAt<'a> {
+    fn from(file: &'a P) -> ModelAt<'a> {
+        ModelAt {
+            file: file.as_ref(),
+            root: None,
+        }
+    }
+}
+
+/// Path of a file below a root, as [`ModelFiles::within`] takes it; `None` if it lies elsewhere.
+///
+/// # Errors
+/// A root or a folder of the file that is not there.
+pub fn below(root: &Path, file: &Path) -> std::io::Result<Option<String>> {
+    let folder = match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let (root, folder) = (root.canonicalize()?, folder.canonicalize()?);
+    let Ok(inside) = folder.strip_prefix(&root) else {
+        return Ok(None);
+    };
+    let mut parts: Vec<String> = inside
+        .components()
+        .map(|c| c.as_os_str().to_string_lossy().into_owned())
+        .collect();
+    if let Some(name) = file.file_name() {
+        parts.push(name.to_string_lossy().into_owned());
+    }
+    Ok(Some(parts.join("/")))
+}
+
 /// Where a model's files are.
 #[derive(Debug, Clone)]
 pub struct ModelFiles {
     place: Place,
+    /// Folder below that place which paths are relative to.
+    prefix: String,
     /// Files that were made from others, by their name.
     made: BTreeMap<String, String>,
 }
@@ -79,6 +123,7 @@ impl ModelFiles {
     pub fn anywhere(folder: &Path) -> ModelFiles {
         ModelFiles {
             place: Place::Folder(folder.to_owned(), false),
+            prefix: String::new(),
             made: BTreeMap::new(),
         }
     }
@@ -88,7 +133,17 @@ impl ModelFiles {
     pub fn within(folder: &Path) -> ModelFiles {
         ModelFiles {
             place: Place::Folder(folder.to_owned(), true),
+            prefix: String::new(),
             made: BTreeMap::new(),
+        }
+    }
+
+    /// With paths relative to a folder below that one.
+    #[must_use]
+    pub fn from(self, prefix: &str) -> ModelFiles {
+        ModelFiles {
+            prefix: prefix.to_owned(),
+            ..self
         }
     }
 
@@ -97,6 +152,7 @@ impl ModelFiles {
     pub fn parts(parts: BTreeMap<String, Vec<u8>>) -> ModelFiles {
         ModelFiles {
             place: Place::Parts(Arc::new(parts)),
+            prefix: String::new(),
             made: BTreeMap::new(),
         }
     }
@@ -134,7 +190,7 @@ impl ModelFiles {
             }
             Place::Folder(folder, false) => bounded(&folder.join(path), path),
             Place::Folder(folder, true) => {
-                let inside = folder.join(join("", path)?);
+                let inside = folder.join(join(&self.prefix, path)?);
                 let unreadable = |e: std::io::Error| FileError::Unreadable {
                     path: path.to_owned(),
                     why: e.to_string(),

@@ -34,6 +34,9 @@ pub fn load(
     files: &ModelFiles,
     problems: &mut Vec<Diagnostic>,
 ) -> Option<Logic> {
+    if mc.logic.is_empty() {
+        return None; // reported with the model
+    }
     let sources = read_files(cell, mc, files, problems)?;
     let (project, found) = parse_project(&sources);
     let failed = found.iter().any(|d| d.severity == Severity::Error);
@@ -114,14 +117,16 @@ fn programs(
         .filter(|p| typed.pou(*p).kind == PouKind::Program);
     let Some(main) = main else {
         let message = format!("MC {}: its logic has no PROGRAM `{name}`", mc.mc);
-        problems.push(
-            cell.text
-                .error("M210", mc.program.span(), message)
-                .hint(format!(
-                    "{}, or name the main program with `program`",
+        problems.push(cell.text.error("M210", mc.program.span(), message).hint(
+            if all.is_empty() {
+                "write one, or add the file that has it to the MC's logic".to_owned()
+            } else {
+                format!(
+                    "{}; say with `program` which one is the main one",
                     suggestion(name, all)
-                )),
-        );
+                )
+            },
+        ));
         return None;
     };
     let mut order = vec![main];

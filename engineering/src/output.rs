@@ -8,8 +8,9 @@
 //! - `standard.st`: with `--target portable`, the standard blocks whose internals are state, and what counts their time.
 //! - `summary.txt`: a table for people.
 
-use crate::build::{BuiltCell, build_for};
+use crate::build::{BuiltCell, build_for, in_parallel, processors};
 use crate::convert::{Form, convert, write_files};
+use crate::files::ModelAt;
 use crate::generate::Target;
 use crate::generate::standard::standard;
 use crate::plcopen::{diagnosis_file, project_xml};
@@ -25,12 +26,13 @@ pub const MODEL: &str = "model/cell.toml";
 ///
 /// # Errors
 /// All [`Problems`] of the model at once.
-pub fn generate(
-    path: &Path,
+pub fn generate<'a>(
+    model: impl Into<ModelAt<'a>>,
     target: Target,
 ) -> Result<(BTreeMap<String, String>, BuiltCell), Problems> {
-    let built = build_for(path, target)?;
-    let plain = convert(path, "cell.toml", &Form::Toml)?;
+    let model = model.into();
+    let built = build_for(model, target)?;
+    let plain = convert(model, "cell.toml", &Form::Toml)?;
     let mut files = files_of(&built, target);
     for (name, text) in plain.files {
         files.insert(format!("model/{name}"), text);
@@ -42,15 +44,16 @@ pub fn generate(
 ///
 /// # Errors
 /// As [`generate`], or a file that cannot be written.
-pub fn write(
-    path: &Path,
+pub fn write<'a>(
+    model: impl Into<ModelAt<'a>>,
     target: Target,
     dir: &Path,
 ) -> Result<(Vec<PathBuf>, BuiltCell), Problems> {
-    let plain = convert(path, "cell.toml", &Form::Toml)?;
+    let model = model.into();
+    let plain = convert(model, "cell.toml", &Form::Toml)?;
     let mut written = write_files(&plain.files, &dir.join("model"))?;
     drop(plain);
-    let built = build_for(path, target)?;
+    let built = build_for(model, target)?;
     each_file(&built, target, &mut |name, text| {
         written.extend(write_files(&BTreeMap::from([(name, text)]), dir)?);
         Ok(())
@@ -75,9 +78,12 @@ type Sink<'a> = &'a mut dyn FnMut(String, String) -> Result<(), Problems>;
 
 /// Hands out the generated files one by one, so that not all of them have to be held at once.
 fn each_file(built: &BuiltCell, target: Target, sink: Sink<'_>) -> Result<(), Problems> {
-    for controller in &built.model.controllers {
-        let name = format!("{}.xml", controller.controller);
-        sink(name, project_xml(built, &controller.controller))?;
+    // As many at a time as there are processors, so that not all of them are held at once.
+    for some in built.model.controllers.chunks(processors()) {
+        let texts = in_parallel(some.len(), |n| project_xml(built, &some[n].controller));
+        for (controller, text) in some.iter().zip(texts) {
+            sink(format!("{}.xml", controller.controller), text)?;
+        }
     }
     for mc in &built.mcs {
         sink(

@@ -1,7 +1,7 @@
 //! Problems of a model: collected, so that all of them can be shown at once, each with file, line, what was expected and what to do.
 //!
 //! They are the compiler's diagnostics, so that an error in `cell.toml` and one in the logic read alike. Codes: M1xx the
-//! file itself, M2xx names and references, M3xx inputs and outputs, M4xx timing and size, M5xx critical intervals,
+//! file itself (M104 its root), M2xx names and references, M3xx inputs and outputs, M4xx timing and size, M5xx critical intervals,
 //! M6xx generated projects, M7xx deployments; W8xx warnings.
 
 use fam_soft_plc::diag::{Diagnostic, Severity};

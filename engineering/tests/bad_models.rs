@@ -480,7 +480,7 @@ fn a_missing_model_is_named() {
         .unwrap_err()
         .to_string();
     assert!(
-        problems.contains("error[M103]: cannot be read"),
+        problems.contains("error[M103]: the model cannot be read"),
         "{problems}"
     );
     assert!(problems.contains("/nowhere/cell.toml"), "{problems}");

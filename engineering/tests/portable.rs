@@ -39,7 +39,9 @@ fn a_chart_is_refused_by_name() {
     assert!(
         problems.contains("M511")
             && problems.contains("MC Policy")
-            && problems.contains("`Policy.chart.Idle`"),
+            && problems.contains("`Policy.chart.Idle`")
+            && problems.contains("write the chart as a CASE over a variable")
+            && problems.contains("`--target fam`"),
         "{problems}"
     );
 }

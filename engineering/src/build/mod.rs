@@ -13,7 +13,7 @@ pub use built::{BuiltCell, BuiltMc, IntervalText, StateVariable};
 
 use crate::actuators;
 use crate::caex::hints::retell;
-use crate::files::ModelFiles;
+use crate::files::{ModelAt, ModelFiles};
 use crate::generate::{
     Copy, Names, Plan, PlanInterval, REGION_CHECKPOINT, REGION_STATE, Target, generate, portable,
 };
@@ -33,9 +33,8 @@ use fam_soft_plc::source::SourceFile;
 use fam_soft_plc::types::Elem;
 use fam_soft_plc::{CompiledMc, compile};
 use finish::{fail_safe, finish, mc_hash, mc_model};
-use sizes::sizes;
+use sizes::{sizes, too_large};
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -43,29 +42,29 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 ///
 /// # Errors
 /// All [`Problems`] of model and logic at once.
-pub fn build(path: &Path) -> Result<BuiltCell, Problems> {
-    build_for(path, Target::Fam)
+pub fn build<'a>(model: impl Into<ModelAt<'a>>) -> Result<BuiltCell, Problems> {
+    build_for(model, Target::Fam)
 }
 
 /// The cell model alone, for processes that run no logic.
 ///
 /// # Errors
 /// As [`build`].
-pub fn build_model(path: &Path) -> Result<CellModel, Problems> {
-    build(path).map(|built| built.model)
+pub fn build_model<'a>(model: impl Into<ModelAt<'a>>) -> Result<CellModel, Problems> {
+    build(model).map(|built| built.model)
 }
 
 /// Builds with Serialize and Deserialize in the given form.
 ///
 /// # Errors
 /// As [`build`].
-pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
+pub fn build_for<'a>(model: impl Into<ModelAt<'a>>, target: Target) -> Result<BuiltCell, Problems> {
     let Opened {
         file,
         text,
         files,
         problems,
-    } = open(path);
+    } = open(model);
     let Some(file) = file else {
         return Err(Problems {
             list: sorted(problems),
@@ -78,19 +77,28 @@ pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
         });
     };
 
-    let read_again = read_again(&cell);
+    let at_once = at_once(&cell);
     let front: Vec<Front> = in_parallel(cell.mcs.len(), |index| {
         let mut front = front(&cell, index, &files);
-        if read_again[index] {
-            front.logic = None;
+        if at_once[index]
+            && let Some(logic) = front.logic.take()
+        {
+            front.back = Some(finished(
+                &cell,
+                index,
+                &logic,
+                target,
+                !has_error(&front.problems),
+            ));
         }
         front
     });
-    let (mut logics, mut images) = (Vec::new(), Vec::new());
+    let (mut logics, mut images, mut backs) = (Vec::new(), Vec::new(), Vec::new());
     for part in front {
         problems.extend(part.problems);
         logics.push(part.logic);
         images.push(part.image);
+        backs.push(part.back);
     }
     logic::shared_globals(&cell, &logics, &mut problems);
     io::two_writers(&cell, &images, &mut problems);
@@ -98,22 +106,13 @@ pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
         .map(|index| io::connect(&cell, index, &images, &mut problems))
         .collect();
 
-    let good = !problems.iter().any(|p| p.severity == Severity::Error);
-    let back: Vec<(Option<BuiltMc>, Vec<Diagnostic>)> = in_parallel(cell.mcs.len(), |index| {
-        let mut problems = Vec::new();
-        let mc = &cell.mcs[index];
-        // What there is to say of it has been said.
-        let again = (read_again[index] && images[index].is_some())
-            .then(|| logic::load(&cell, mc, &files, &mut Vec::new()))
-            .flatten();
-        let built = again
-            .as_ref()
-            .or(logics[index].as_ref())
-            .and_then(|logic| back(mc, &cell, logic, target, good, &mut problems));
-        (built, problems)
+    let good = !has_error(&problems);
+    let later: Vec<Option<Back>> = in_parallel(cell.mcs.len(), |index| {
+        let logic = logics[index].as_ref()?;
+        Some(finished(&cell, index, logic, target, good))
     });
     let mut mcs = Vec::new();
-    for (built, found) in back {
+    for (built, found) in backs.into_iter().zip(later).filter_map(|(a, b)| a.or(b)) {
         problems.extend(found);
         mcs.extend(built);
     }
@@ -124,7 +123,7 @@ pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
     if cell.text.is_caex() {
         problems.iter_mut().for_each(retell);
     }
-    if problems.iter().any(|p| p.severity == Severity::Error) {
+    if has_error(&problems) {
         return Err(Problems { list: problems });
     }
     let mut models = Vec::new();
@@ -157,9 +156,9 @@ pub fn build_for(path: &Path, target: Target) -> Result<BuiltCell, Problems> {
 /// Typed trees of so many MCs are kept from the first stage to the last one.
 const LOGICS_KEPT_MAX: usize = 100;
 
-/// Which MCs' logic is read anew for the last stage, because a large cell's would not fit into memory all at once: those that
+/// Which MCs go through all stages at once, because the logic of a large cell would not fit into memory as a whole: those that
 /// share no file with another one, which nothing in between asks for.
-fn read_again(cell: &Cell) -> Vec<bool> {
+fn at_once(cell: &Cell) -> Vec<bool> {
     let mut users: BTreeMap<&str, usize> = BTreeMap::new();
     for file in cell.mcs.iter().flat_map(|mc| &mc.logic) {
         *users.entry(file.get_ref()).or_default() += 1;
@@ -184,13 +183,16 @@ fn sorted(problems: Vec<Diagnostic>) -> Vec<Diagnostic> {
     list
 }
 
+/// How many jobs run at a time.
+pub(crate) fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 /// Runs a job for each index on all processors; results in the order of the indices.
-fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
+pub(crate) fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let results: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(count));
     let next = AtomicUsize::new(0);
-    let threads = std::thread::available_parallelism()
-        .map_or(1, usize::from)
-        .min(count);
+    let threads = processors().min(count);
     std::thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {
@@ -215,10 +217,25 @@ fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T>
     results.into_iter().map(|(_, result)| result).collect()
 }
 
+/// An MC after its last stage, and what was found there.
+type Back = (Option<BuiltMc>, Vec<Diagnostic>);
+
 struct Front {
     logic: Option<Logic>,
     image: Option<Image>,
     problems: Vec<Diagnostic>,
+    /// The last stage too, of an MC that goes through all at once.
+    back: Option<Back>,
+}
+
+fn has_error(problems: &[Diagnostic]) -> bool {
+    problems.iter().any(|p| p.severity == Severity::Error)
+}
+
+fn finished(cell: &Cell, index: usize, logic: &Logic, target: Target, good: bool) -> Back {
+    let mut problems = Vec::new();
+    let built = back(&cell.mcs[index], cell, logic, target, good, &mut problems);
+    (built, problems)
 }
 
 fn front(cell: &Cell, index: usize, files: &ModelFiles) -> Front {
@@ -233,6 +250,7 @@ fn front(cell: &Cell, index: usize, files: &ModelFiles) -> Front {
         logic,
         image,
         problems,
+        back: None,
     }
 }
 
@@ -307,15 +325,15 @@ fn back(
         initial,
     };
     let found = intervals(cell, mc, logic, state, problems);
-    if !good
-        || problems[before..]
-            .iter()
-            .any(|p| p.severity == Severity::Error)
-    {
+    if !good || has_error(&problems[before..]) {
         return None;
     }
     let intervals: Vec<Interval> = found.into_iter().flatten().collect();
     let state_len = layout.regions[state_index].len;
+    if let Some(problem) = too_large(cell, mc, state_len as usize) {
+        problems.push(problem);
+        return None;
+    }
     let memory = portable::Memory {
         offset: &offset,
         initial,
@@ -326,7 +344,7 @@ fn back(
             let problem = cell
                 .text
                 .error("M511", mc.at.clone(), format!("MC {}: {e}", mc.mc));
-            problems.push(problem.hint("use the block copy (target fam) for this MC"));
+            problems.push(problem.hint(e.hint));
             return None;
         }
     };

@@ -1,7 +1,7 @@
 //! What frames and instances take: of messages, of the link, of controllers.
 
 use super::built::BuiltMc;
-use crate::model::Cell;
+use crate::model::{Cell, McSpec};
 use crate::problem::Explain;
 use fam_proto::codec::MESSAGE_BYTES_MAX;
 use fam_soft_plc::diag::Diagnostic;
@@ -15,15 +15,7 @@ pub(super) fn sizes(cell: &Cell, mcs: &[BuiltMc], problems: &mut Vec<Diagnostic>
     let mut link_bytes_s: u64 = 0;
     for (spec, built) in cell.mcs.iter().zip(mcs) {
         let frame = frame_len(built);
-        if frame > MESSAGE_BYTES_MAX {
-            let message = format!(
-                "MC {}: its frames would have {frame} bytes, a message has at most {MESSAGE_BYTES_MAX}",
-                spec.mc
-            );
-            problems.push(cell.text.error("M408", spec.at.clone(), message).hint(
-                "make its arrays smaller, keep what is no state in VAR_TEMP, or divide the MC",
-            ));
-        }
+        problems.extend(too_large(cell, spec, frame));
         link_bytes_s += frame as u64 * 1_000_000 / u64::from(spec.cycle_us.max(1));
         for controller in cell
             .controllers
@@ -58,6 +50,19 @@ pub(super) fn sizes(cell: &Cell, mcs: &[BuiltMc], problems: &mut Vec<Diagnostic>
                 .hint("make states smaller or cycles longer, or use a faster link"),
         );
     }
+}
+
+/// Reports frames of so many bytes that they are no message.
+pub(super) fn too_large(cell: &Cell, mc: &McSpec, frame: usize) -> Option<Diagnostic> {
+    (frame > MESSAGE_BYTES_MAX).then(|| {
+        let message = format!(
+            "MC {}: its frames would have {frame} bytes, a message has at most {MESSAGE_BYTES_MAX}",
+            mc.mc
+        );
+        cell.text
+            .error("M408", mc.at.clone(), message)
+            .hint("make its arrays smaller, keep what is no state in VAR_TEMP, or divide the MC")
+    })
 }
 
 fn frame_len(built: &BuiltMc) -> usize {

@@ -1,9 +1,10 @@
 //! From CAEX objects to the tables of a cell: the same that stand in a `cell.toml`, with their places in the AutomationML file.
 
-use super::document::{Kind, ObjectId};
+use super::document::ObjectId;
 use super::foreign;
-use super::library::{Caex, Part};
-use super::links::{Links, Side};
+use super::instances::Instances;
+use super::library::{Caex, InstanceId, Part};
+use super::links::{Links, Side, side};
 use super::logic_reference::LogicFiles;
 use super::uri;
 use super::values::{MEGABITS, MEGABYTES, MILLISECONDS, PERCENT, PLAIN, Values};
@@ -12,7 +13,7 @@ use crate::model::toml_file::{
     CellFile, CellTable, ControllerTable, FORMAT, GatewayTable, SettingsTable,
 };
 use fam_soft_plc::diag::{Diagnostic, Severity};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use toml::Spanned;
 
 const ROLES: &str = "FAMRoleClassLib/";
@@ -31,65 +32,39 @@ pub fn tables(
     problems: &mut Vec<Diagnostic>,
 ) -> Option<(CellFile, MadeFiles)> {
     caex.check_references(problems);
-    let links = Links::of(caex, problems);
+    let instances = Instances::of(caex);
+    let links = Links::of(caex, &instances, problems);
     let mut reader = Reader {
         values: Values {
             caex,
             problems: Vec::new(),
         },
         links,
+        instances: &instances,
         logic: LogicFiles::new(files),
         points: BTreeMap::new(),
         exports: BTreeMap::new(),
     };
-    let all = all_elements(caex);
+    let all = instances.all.as_slice();
     let is_fam = all
         .iter()
         .any(|e| reader.has_role(e, "MechatronicComponent"));
     let file = if is_fam {
-        reader.cell(&all).map(|file| (file, Vec::new()))
+        reader.cell(all).map(|file| (file, Vec::new()))
     } else if problems.iter().any(|p| p.severity == Severity::Error) {
         // With broken references nobody knows what the elements are.
         None
     } else {
-        foreign::tables(caex, files, &all, &mut reader.values.problems)
+        foreign::tables(caex, files, all, &mut reader.values.problems)
     };
     problems.append(&mut reader.values.problems);
     file
 }
 
-/// All elements of all instance hierarchies, inherited ones included, outer ones first.
-fn all_elements(caex: &Caex) -> Vec<Part> {
-    let mut all = Vec::new();
-    let mut todo: Vec<(Part, usize)> = caex
-        .hierarchies
-        .iter()
-        .rev()
-        .map(|h| {
-            let at = caex.objects[*h].name.at.clone();
-            (Part { id: *h, at }, 0)
-        })
-        .collect();
-    while let Some((part, depth)) = todo.pop() {
-        // A class that contains an instance of itself has no end.
-        if depth < super::document::DEPTH_MAX {
-            todo.extend(
-                caex.elements(&part)
-                    .into_iter()
-                    .rev()
-                    .map(|p| (p, depth + 1)),
-            );
-        }
-        if caex.objects[part.id].kind == Kind::InternalElement {
-            all.push(part);
-        }
-    }
-    all
-}
-
 pub(super) struct Reader<'a> {
     pub(super) values: Values<'a>,
     pub(super) links: Links,
+    instances: &'a Instances,
     pub(super) logic: LogicFiles<'a>,
     /// Field points by their interface: text, and the gateway that they belong to.
     pub(super) points: BTreeMap<Side, (String, ObjectId)>,
@@ -120,10 +95,11 @@ impl<'a> Reader<'a> {
     }
 
     pub(super) fn side(&self, element: &Part, interface: &Part) -> Side {
-        Side {
-            element: self.caex().master(element.id),
-            interface: self.caex().master(interface.id),
-        }
+        // A mirror that leads nowhere is a thing of its own.
+        side(self.caex(), self.instances, element, interface.id).unwrap_or_else(|_| Side {
+            element: element.instance(),
+            interface: interface.id,
+        })
     }
 
     fn of_role<'p>(&self, all: &'p [Part], role: &str) -> Vec<&'p Part> {
@@ -172,7 +148,7 @@ impl<'a> Reader<'a> {
         let mc_tables = mcs
             .iter()
             .map(|mc| {
-                let hosts = hosts.get(&mc.id).cloned().unwrap_or_default();
+                let hosts = hosts.get(&mc.instance()).cloned().unwrap_or_default();
                 self.mc(mc, &gateways, hosts)
             })
             .collect();
@@ -318,9 +294,10 @@ impl<'a> Reader<'a> {
     }
 
     /// Controllers of each MC: joined by links, or holding a mirror object of it.
-    fn hosting(&self, controllers: &[&Part], mcs: &[&Part]) -> BTreeMap<ObjectId, Vec<String>> {
+    fn hosting(&self, controllers: &[&Part], mcs: &[&Part]) -> BTreeMap<InstanceId, Vec<String>> {
         let caex = self.caex();
-        let mut hosts: BTreeMap<ObjectId, Vec<String>> = BTreeMap::new();
+        let mcs: BTreeSet<InstanceId> = mcs.iter().map(|m| m.instance()).collect();
+        let mut hosts: BTreeMap<InstanceId, Vec<String>> = BTreeMap::new();
         for controller in controllers {
             let name = self.name(controller).into_inner();
             let mut todo = caex.elements(controller);
@@ -329,8 +306,8 @@ impl<'a> Reader<'a> {
                 && left > 0
             {
                 left -= 1;
-                let master = caex.master(inner.id);
-                if master != inner.id && mcs.iter().any(|m| m.id == master) {
+                let master = self.instances.master(caex, &inner).instance();
+                if master != inner.instance() && mcs.contains(&master) {
                     hosts.entry(master).or_default().push(name.clone());
                 } else {
                     todo.extend(caex.elements(&inner));
@@ -340,9 +317,12 @@ impl<'a> Reader<'a> {
                 if !self.is_interface(&interface, "Hosting") {
                     continue;
                 }
-                for partner in self.links.partners(self.side(controller, &interface)) {
-                    if mcs.iter().any(|m| m.id == partner.element) {
-                        hosts.entry(partner.element).or_default().push(name.clone());
+                for partner in self.links.partners(&self.side(controller, &interface)) {
+                    if mcs.contains(&partner.element) {
+                        hosts
+                            .entry(partner.element.clone())
+                            .or_default()
+                            .push(name.clone());
                     }
                 }
             }

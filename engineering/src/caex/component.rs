@@ -45,9 +45,8 @@ impl Reader<'_> {
                     served.entry(gateway).or_insert(interface.at.clone());
                 }
                 self.twice(&mc, &inputs, &variable);
-                if let Some(source) = source {
-                    inputs.insert(variable, source);
-                }
+                let nowhere = || Spanned::new(interface.at.clone(), String::new());
+                inputs.insert(variable, source.unwrap_or_else(nowhere));
             } else if self.is_interface(&interface, "Output") {
                 let (variable, output, gateway) = self.output(&mc, part, &interface);
                 if let Some(gateway) = gateway {
@@ -97,16 +96,19 @@ impl Reader<'_> {
         };
         let worst_case_us = self.values.whole(part, "worstCaseLoad", MICROSECONDS);
         let worst_case_us = worst_case_us.unwrap_or_else(|| {
-            self.values
-                .error(
-                    "M810",
-                    part.at.clone(),
-                    format!("MC {mc} does not say how long a scan takes"),
-                )
-                .expected = Some(
-                "the attribute `worstCaseLoad`: microseconds on a controller of CPU factor 1.0"
-                    .to_owned(),
-            );
+            // One that is wrong has been reported.
+            if self.values.text(part, "worstCaseLoad").is_none() {
+                self.values
+                    .error(
+                        "M810",
+                        part.at.clone(),
+                        format!("MC {mc} does not say how long a scan takes"),
+                    )
+                    .expected = Some(
+                    "the attribute `worstCaseLoad`: microseconds on a controller of CPU factor 1.0"
+                        .to_owned(),
+                );
+            }
             Spanned::new(part.at.clone(), 1)
         });
         let table = McTable {
@@ -189,7 +191,7 @@ impl Reader<'_> {
     fn sources(&self, part: &Part, interface: &Part) -> Vec<(String, Option<ObjectId>)> {
         let own = self.side(part, interface);
         let mut sources = Vec::new();
-        for partner in self.links.partners(own) {
+        for partner in self.links.partners(&own) {
             let source = match (self.points.get(partner), self.exports.get(partner)) {
                 (Some((point, gateway)), _) => (point.clone(), Some(*gateway)),
                 (None, Some((mc, variable))) => (format!("mc:{mc}.{variable}"), None),
@@ -261,7 +263,7 @@ impl Reader<'_> {
         let own = self.side(part, interface);
         let fields: Vec<(String, ObjectId)> = self
             .links
-            .partners(own)
+            .partners(&own)
             .iter()
             .filter_map(|p| self.points.get(p).cloned())
             .collect();
@@ -281,7 +283,7 @@ impl Reader<'_> {
         // An output that another MC reads is exported, whether it says so or not.
         let is_read = self
             .links
-            .partners(own)
+            .partners(&own)
             .iter()
             .any(|p| p.element != own.element && !self.points.contains_key(p));
         let gateway = fields.first().map(|(_, g)| *g);

@@ -40,8 +40,8 @@ pub struct Caex {
     pub hierarchies: Vec<ObjectId>,
     /// Classes by file and path without alias.
     classes: BTreeMap<(usize, String), ObjectId>,
-    /// Objects of the main file by ID.
-    ids: BTreeMap<String, ObjectId>,
+    /// Objects by file and ID.
+    ids: BTreeMap<(usize, String), ObjectId>,
 }
 
 /// An object as it shows in an instance: with its place in the main file, also if a class brought it along.
@@ -51,6 +51,21 @@ pub struct Part {
     pub id: ObjectId,
     /// Its place in the main file.
     pub at: Range<usize>,
+    /// The elements whose classes brought it along, the outermost first; none for an object of the hierarchy itself.
+    pub via: Vec<ObjectId>,
+}
+
+/// What tells an element from all others, also from those that the same class brings into other instances.
+pub type InstanceId = Vec<ObjectId>;
+
+impl Part {
+    /// Its identity.
+    #[must_use]
+    pub fn instance(&self) -> InstanceId {
+        let mut id = self.via.clone();
+        id.push(self.id);
+        id
+    }
 }
 
 /// Reads a model with all its libraries. `None` if the main file cannot be read.
@@ -271,11 +286,12 @@ impl Caex {
                     .or_insert(id);
             }
             paths.push(path);
-            if let Some(own) = &object.id
-                && object.file == 0
-            {
-                let own = normal_id(own);
-                match self.ids.get(&own) {
+            if let Some(own) = &object.id {
+                let key = (object.file, normal_id(own));
+                let own = &key.1;
+                match self.ids.get(&key) {
+                    // Nobody can mend a library that came from elsewhere, and its first object will do.
+                    Some(_) if object.file != 0 => {}
                     Some(first) => {
                         let (line, _) = self.files[0]
                             .text
@@ -291,17 +307,32 @@ impl Caex {
                         );
                     }
                     None => {
-                        self.ids.insert(own, id);
+                        self.ids.insert(key, id);
                     }
                 }
             }
         }
     }
 
-    /// The object of the main file with this ID, in any spelling.
+    /// The object of a file with this ID, in any spelling.
     #[must_use]
-    pub fn by_id(&self, id: &str) -> Option<ObjectId> {
-        self.ids.get(&normal_id(id)).copied()
+    pub fn by_id_in(&self, file: usize, id: &str) -> Option<ObjectId> {
+        self.ids.get(&(file, normal_id(id))).copied()
+    }
+
+    /// The object that another one refers to by an ID.
+    fn by_id(&self, from: ObjectId, id: &str) -> Option<ObjectId> {
+        self.by_id_in(self.objects[from].file, id)
+    }
+
+    /// An object of the hierarchy itself.
+    #[must_use]
+    pub fn part(&self, id: ObjectId) -> Part {
+        Part {
+            id,
+            at: self.objects[id].name.at.clone(),
+            via: Vec::new(),
+        }
     }
 
     /// Text of an object's file.
@@ -436,7 +467,7 @@ impl Caex {
         let mut seen = BTreeSet::from([id]);
         let mut at = id;
         while let Some(base) = &self.objects[at].base
-            && let Some(next) = self.by_id(&base.text)
+            && let Some(next) = self.by_id(at, &base.text)
             && self.objects[next].kind == self.objects[id].kind
             && seen.insert(next)
         {
@@ -577,9 +608,14 @@ impl Caex {
                 let is_new = holder == part.id || !names.contains(object.name.text.as_str());
                 if object.kind == kind && is_new {
                     names.insert(object.name.text.as_str());
+                    let mut via = part.via.clone();
+                    if holder != part.id {
+                        via.push(part.id);
+                    }
                     list.push(Part {
                         id: *child,
                         at: self.place(*child, &object.name.at, &part.at),
+                        via,
                     });
                 }
             }
@@ -607,7 +643,7 @@ impl Caex {
             let references = object.base.iter().chain(&object.roles);
             for reference in references {
                 // A mirror's base is the ID of its master.
-                if self.by_id(&reference.text).is_some() {
+                if self.by_id(id, &reference.text).is_some() {
                     continue;
                 }
                 if let Err(error) = self.class(id, &reference.text) {
@@ -645,7 +681,7 @@ impl Caex {
         let mut at = id;
         loop {
             let base = self.objects[at].base.as_ref()?;
-            let next = match self.by_id(&base.text) {
+            let next = match self.by_id(at, &base.text) {
                 Some(next) => next,
                 None => self.class(at, &base.text).ok()??,
             };

@@ -2,6 +2,7 @@
 //!
 //! - [`document`]: the XML as objects; 2.15 and 3.0 look the same from here on.
 //! - [`library`]: classes, aliases of external libraries, inheritance, mirror objects.
+//! - [`instances`]: all elements, those that classes bring along included.
 //! - [`links`]: what an InternalLink joins.
 //! - [`uri`], [`container`], [`mod@zip`]: references to files, and the files of a container.
 //! - [`cell`]: what the objects mean: the cell's tables.
@@ -14,6 +15,7 @@ pub mod container;
 pub mod document;
 pub mod foreign;
 pub mod hints;
+pub mod instances;
 pub mod library;
 pub mod links;
 pub mod logic_reference;

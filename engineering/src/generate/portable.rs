@@ -36,6 +36,16 @@ pub struct PortableError {
     pub path: String,
     /// What stands against it.
     pub why: String,
+    /// What to do.
+    pub hint: &'static str,
+}
+
+/// Hints of [`PortableError`], by what stands against a variable.
+mod hints {
+    pub const CHART: &str = "the standard lets a program read the flag and the time of a step, but not set them, so that no other PLC could take the state over: write the chart as a CASE over a variable that names the step, with a TON for the time in it; or generate with `--target fam` for FAM's own soft-PLC, which keeps charts";
+    pub const MADE: &str = "use an instance of R_TRIG or F_TRIG instead of R_EDGE or F_EDGE; or generate with `--target fam`";
+    pub const ADDRESS: &str = "keep the index of what is meant instead of a reference to it; or generate with `--target fam`";
+    pub const OTHER: &str = "give it an elementary type, or an array or structure of such; or generate with `--target fam`";
 }
 
 /// Where the variables lie.
@@ -218,7 +228,8 @@ impl Writer<'_> {
                 if is_hidden(&unit.name) {
                     return Err(self.error(
                         path,
-                        "it is a step of a sequential function chart, whose time and edges other compilers keep to themselves",
+                        "it is a step of a sequential function chart, whose activity and time other compilers keep to themselves",
+                        hints::CHART,
                     ));
                 }
                 for id in &unit.vars {
@@ -240,10 +251,11 @@ impl Writer<'_> {
         }
     }
 
-    fn error(&self, path: &Path, why: &str) -> PortableError {
+    fn error(&self, path: &Path, why: &str, hint: &'static str) -> PortableError {
         PortableError {
             path: path.first(),
             why: why.to_owned(),
+            hint,
         }
     }
 
@@ -257,6 +269,7 @@ impl Writer<'_> {
             return Err(self.error(
                 path,
                 "the compiler made it (an edge of an input, or the work of a chart), and others keep it elsewhere",
+                hints::MADE,
             ));
         }
         self.offset(path)
@@ -266,7 +279,7 @@ impl Writer<'_> {
         let low = |k: usize| path.loops[k].0.to_string();
         let find = |this: &Self, text: &str| {
             (this.memory.offset)(text)
-                .ok_or_else(|| this.error(path, "it has no place in the state"))
+                .ok_or_else(|| this.error(path, "it has no place in the state", hints::OTHER))
         };
         let base = find(self, &path.text(&low))?;
         let mut at = base.to_string();
@@ -302,7 +315,11 @@ impl Writer<'_> {
     fn leaf(&mut self, path: &Path, ty: TypeId, packed: bool) -> Result<(), PortableError> {
         let elem = match self.project.types.elem(ty) {
             Some(Elem::Ref) => {
-                return Err(self.error(path, "it holds an address, which means nothing elsewhere"));
+                return Err(self.error(
+                    path,
+                    "it holds an address, which means nothing elsewhere",
+                    hints::ADDRESS,
+                ));
             }
             Some(elem) => elem,
             None => {
@@ -310,7 +327,7 @@ impl Writer<'_> {
                     "its type {} has no single value",
                     self.project.type_name(ty)
                 );
-                return Err(self.error(path, &why));
+                return Err(self.error(path, &why, hints::OTHER));
             }
         };
         let (_, at) = self.place(path)?;

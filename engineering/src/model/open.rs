@@ -2,7 +2,7 @@
 
 use super::toml_file::CellFile;
 use crate::caex::{cell, container, library};
-use crate::files::{FILE_BYTES_MAX, ModelFiles};
+use crate::files::{FILE_BYTES_MAX, ModelAt, ModelFiles, below, folder_of};
 use crate::problem::{Explain, ModelText, file_error};
 use fam_soft_plc::diag::Diagnostic;
 use std::io::Read as _;
@@ -37,17 +37,21 @@ impl Opened {
 
 /// Opens a model.
 #[must_use]
-pub fn open(path: &Path) -> Opened {
-    let bytes = match read_bytes(path) {
-        Ok(bytes) => bytes,
-        Err(problem) => return Opened::failed(*problem),
-    };
-    open_bytes(path, &bytes)
+pub fn open<'a>(model: impl Into<ModelAt<'a>>) -> Opened {
+    let model = model.into();
+    match read_bytes(model.file) {
+        Ok(bytes) => open_bytes(model, &bytes),
+        Err(problem) => Opened::failed(*problem),
+    }
 }
 
 fn read_bytes(path: &Path) -> Result<Vec<u8>, Box<Diagnostic>> {
-    let unreadable =
-        |e: std::io::Error| Box::new(file_error("M103", path, format!("cannot be read: {e}")));
+    let unreadable = |e: std::io::Error| {
+        Box::new(
+            file_error("M103", path, format!("the model cannot be read: {e}"))
+                .hint("give the path of an AutomationML model (.aml, .amlx) or a cell.toml"),
+        )
+    };
     let file = std::fs::File::open(path).map_err(unreadable)?;
     let mut bytes = Vec::new();
     let mut limited = file.take(FILE_BYTES_MAX + 1);
@@ -67,9 +71,34 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, Box<Diagnostic>> {
     Ok(bytes)
 }
 
-/// Opens a model whose content is at hand; `path` says its name and where its other files are.
+/// Where a model's references lead, and the model's own path from there.
+fn files_of(model: ModelAt<'_>, own: String) -> Result<(ModelFiles, String), Box<Diagnostic>> {
+    let Some(root) = model.root else {
+        let folder = model.file.parent().unwrap_or(Path::new(""));
+        return Ok((ModelFiles::within(folder), own));
+    };
+    match below(root, model.file) {
+        Ok(Some(inside)) => Ok((ModelFiles::within(root), inside)),
+        Ok(None) => Err(Box::new(
+            file_error(
+                "M104",
+                model.file,
+                format!("the model does not lie in the root `{}`", root.display()),
+            )
+            .hint("give as `--root` the folder that holds the model and all that it refers to"),
+        )),
+        Err(e) => Err(Box::new(
+            file_error("M104", root, format!("the root cannot be used: {e}"))
+                .hint("give as `--root` the folder that holds the model and all that it refers to"),
+        )),
+    }
+}
+
+/// Opens a model whose content is at hand; `model` says its name and where its other files are.
 #[must_use]
-pub fn open_bytes(path: &Path, bytes: &[u8]) -> Opened {
+pub fn open_bytes<'a>(model: impl Into<ModelAt<'a>>, bytes: &[u8]) -> Opened {
+    let model = model.into();
+    let path = model.file;
     let name = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new(""));
     if bytes.starts_with(ZIP)
@@ -101,7 +130,10 @@ pub fn open_bytes(path: &Path, bytes: &[u8]) -> Opened {
         let own = path
             .file_name()
             .map_or_else(|| name.clone(), |n| n.to_string_lossy().into_owned());
-        return caex(ModelFiles::within(folder), &name, &own, text);
+        return match files_of(model, own) {
+            Ok((files, own)) => caex(files, &name, &own, text),
+            Err(problem) => Opened::failed(*problem),
+        };
     }
     if path
         .extension()
@@ -113,6 +145,13 @@ pub fn open_bytes(path: &Path, bytes: &[u8]) -> Opened {
                 .expected("an AutomationML (CAEX) file, which begins with `<`"),
         );
     }
+    let files = match model.root {
+        None => ModelFiles::anywhere(folder),
+        Some(_) => match files_of(model, String::new()) {
+            Ok((files, own)) => files.from(folder_of(&own)),
+            Err(problem) => return Opened::failed(*problem),
+        },
+    };
     let text = ModelText::new(name, text);
     let (file, problems) = match toml::from_str::<CellFile>(&text.text) {
         Ok(file) => (Some(file), Vec::new()),
@@ -121,7 +160,7 @@ pub fn open_bytes(path: &Path, bytes: &[u8]) -> Opened {
     Opened {
         file,
         text,
-        files: ModelFiles::anywhere(folder),
+        files,
         problems,
     }
 }

@@ -68,7 +68,8 @@ impl Resolver {
         let gateway = gateways
             .iter()
             .find(|g| g.gateway.as_str() == table.gateway.get_ref());
-        if gateway.is_none() {
+        // Without any gateway that alone is what is wrong.
+        if gateway.is_none() && !gateways.is_empty() {
             let known: Vec<&str> = gateways.iter().map(|g| g.gateway.as_str()).collect();
             let hint = suggestion(table.gateway.get_ref(), known);
             self.error(
@@ -279,8 +280,11 @@ impl Resolver {
         let mut list: Vec<InputSpec> = Vec::new();
         for (name, source) in &table.inputs {
             let what = format!("input {} of MC {mc}", name.get_ref());
+            // An input of an AutomationML model without a source has been reported where it was read.
+            let is_reported = self.text.is_caex() && source.get_ref().is_empty();
             let from = match points::input_source(source.get_ref()) {
                 Ok(from) => Some(from),
+                Err(_) if is_reported => None,
                 Err(e) => {
                     self.error("M302", source.span(), format!("{what}: {}", e.message))
                         .expected = Some(e.expected);
@@ -382,6 +386,9 @@ impl Resolver {
     ) -> Option<IntervalSpec> {
         let name = table.name.get_ref();
         let what = format!("critical interval {name} of MC {mc}");
+        if name.is_empty() && self.text.is_caex() {
+            return None; // reported by the reader
+        }
         if !is_iec_name(name) {
             self.error(
                 "M201",

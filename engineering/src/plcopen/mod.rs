@@ -14,8 +14,9 @@ mod unit;
 pub mod xml;
 
 use crate::build::{BuiltCell, BuiltMc};
+use crate::convert::not_written;
 use crate::generate::Names;
-use crate::problem::{Problems, file_error};
+use crate::problem::Problems;
 use fam_proto::ControllerId;
 use fam_soft_plc::project::parse_project;
 use fam_soft_plc::source::SourceFile;
@@ -40,15 +41,10 @@ pub fn write_projects(built: &BuiltCell, dir: &Path) -> Result<Vec<PathBuf>, Pro
         let path = dir.join(name);
         match std::fs::write(&path, text) {
             Ok(()) => Ok(path),
-            Err(e) => Err(Problems::one(file_error(
-                "M601",
-                &path,
-                format!("cannot be written: {e}"),
-            ))),
+            Err(e) => Err(Problems::one(not_written(&path, &e))),
         }
     };
-    std::fs::create_dir_all(dir)
-        .map_err(|e| Problems::one(file_error("M601", dir, format!("cannot be made: {e}"))))?;
+    std::fs::create_dir_all(dir).map_err(|e| Problems::one(not_written(dir, &e)))?;
     let mut files = Vec::new();
     for controller in &built.model.controllers {
         let text = project_xml(built, &controller.controller);

@@ -3,6 +3,7 @@
 mod bad;
 #[path = "../common/mod.rs"]
 mod common;
+mod links;
 
 use common::two_stations;
 use fam_engineering::caex::container;
