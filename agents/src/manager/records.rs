@@ -237,18 +237,27 @@ impl MiddlewareManager {
         self.new_generation(self.view.generation.next());
     }
 
-    /// A manager that dies between an order and its outcome leaves an activation behind that the history does not tell.
+    /// A manager that dies between an order and its outcome leaves an activation behind that the history does not tell; so does
+    /// one that gets no image before the epoch is over: then the head tells of it.
     pub(super) fn tell_unseen_activations(&mut self, now: Now) {
         let unseen: Vec<Event> = self
             .view
             .mcs
             .iter()
-            .filter(|(_, m)| m.under_way.is_none())
             .filter_map(|(mc, m)| {
-                let record = m.record.as_ref().filter(|r| r.driven)?;
-                let owner = record.owner.as_ref()?;
+                let record = m.record.as_ref()?;
                 let told = *self.activated.get(mc)?;
-                (told < record.epoch).then(|| {
+                let over = record.head.map(|head| head.epoch);
+                if let Some(epoch) = over.filter(|e| told < *e && *e < record.epoch) {
+                    let text = format!(
+                        "{mc} was activated with epoch {epoch} and is so no more; no image of that time came through"
+                    );
+                    let event = Event::new(Severity::Info, EventKind::McActivated, text);
+                    return Some(event.mc(mc).epoch(epoch));
+                }
+                let owner = record.owner.as_ref()?;
+                let is_unseen = record.driven && m.under_way.is_none() && told < record.epoch;
+                is_unseen.then(|| {
                     let on = &owner.controller;
                     let text = format!(
                         "{mc} was activated on {on} with epoch {} while no manager looked",

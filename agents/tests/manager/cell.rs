@@ -79,7 +79,7 @@ pub fn owner(name: &str, boot: u64) -> Owner {
     }
 }
 
-/// `never`, `open,c1.1,e3`, `opening,c1.1,e3` (no frame yet), `silent,c1.1,e3`, `released,c1.1,e3,c2.1,e4`, `closed,c1.1,e3`,
+/// `never`, `open,c1.1,e3`, `opening,c1.1,e3` (no frame yet), `opening,c1.1,e5,e4` (the same, and epoch 4 was the last that drove), `silent,c1.1,e3`, `released,c1.1,e3,c2.1,e4`, `closed,c1.1,e3`,
 /// `failsafe,c1.1,e3`, `stopped,c1.1,e3`, `faulted,c1.1,e3`.
 pub fn record(mc: &McId, text: &str) -> RecordSummary {
     let parts: Vec<&str> = text.split(',').collect();
@@ -106,7 +106,12 @@ pub fn record(mc: &McId, text: &str) -> RecordSummary {
     };
     match parts[0] {
         "open" => {}
-        "opening" => record.driven = false,
+        "opening" => {
+            record.driven = false;
+            if let (Some(last), Some(head)) = (parts.get(3), &mut record.head) {
+                head.epoch = epoch(last);
+            }
+        }
         "silent" => {
             record.silent_us = 30_000;
             record.suspect = true;

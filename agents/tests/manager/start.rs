@@ -167,6 +167,23 @@ fn what_was_activated_while_no_manager_looked_is_told_once() {
     assert_eq!(told, [(Some(m("m1")), Some(Epoch(5)))]);
 }
 
+/// Images get lost: the manager sees epoch 6 only when it is over, by the head that it has left.
+#[test]
+fn what_was_activated_and_is_over_before_an_image_came_is_told_by_the_head() {
+    let mut bench = running();
+    bench.script(&[
+        (1_010, "image m1=opening,c2.1,e8,e6 m2=open,c2.1,e3", ""),
+        (1_020, "image m1=opening,c2.1,e8,e6 m2=open,c2.1,e3", ""),
+    ]);
+    let told: Vec<_> = bench
+        .events
+        .iter()
+        .filter(|e| e.kind == EventKind::McActivated && e.epoch > Some(Epoch(3)))
+        .map(|e| (e.mc.clone(), e.epoch))
+        .collect();
+    assert_eq!(told, [(Some(m("m1")), Some(Epoch(6)))]);
+}
+
 #[test]
 fn an_owner_whom_the_manager_does_not_know_yet_is_left_alone() {
     let mut bench = Bench::new(model(2, 1));

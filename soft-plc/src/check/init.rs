@@ -16,7 +16,8 @@ pub(super) enum Pending {
 
 impl Checker<'_> {
     pub(super) fn settle_inits(&mut self, from: usize) {
-        for (target, init) in self.pending_inits[from..].to_vec() {
+        for index in from..self.pending_inits.len() {
+            let (target, init) = self.pending_inits[index];
             let ty = match target {
                 Pending::Var(id) => {
                     self.enter(self.var(id).owner);
