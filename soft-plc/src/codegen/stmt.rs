@@ -323,28 +323,33 @@ impl Fun<'_, '_> {
         self.close_branches(exit, branches, otherwise);
     }
 
+    /// Pushes whether the value lies in a range of CASE.
+    fn is_within(&mut self, local: u32, elem: Elem, low: i64, high: i64) {
+        let bound = |v: i64| Value::from_i128(elem, i128::from(v));
+        self.i(I::LocalGet(local));
+        self.constant(bound(low), elem);
+        if low == high {
+            self.i(simple(BinOp::Eq, elem));
+            return;
+        }
+        self.i(simple(BinOp::Ge, elem));
+        self.i(I::LocalGet(local));
+        self.constant(bound(high), elem);
+        self.i(simple(BinOp::Le, elem));
+        self.i(I::I32And);
+    }
+
     /// Goes to the block of the range that the value lies in, or to `otherwise`. The ranges ascend.
     fn decide(&mut self, local: u32, elem: Elem, ranges: &[(i64, i64, u32)], otherwise: u32) {
-        let bound = |v: i64| Value::from_i128(elem, i128::from(v));
         if let [(low, high, target)] = ranges {
-            self.i(I::LocalGet(local));
-            self.constant(bound(*low), elem);
-            if low == high {
-                self.i(simple(BinOp::Eq, elem));
-            } else {
-                self.i(simple(BinOp::Ge, elem));
-                self.i(I::LocalGet(local));
-                self.constant(bound(*high), elem);
-                self.i(simple(BinOp::Le, elem));
-                self.i(I::I32And);
-            }
+            self.is_within(local, elem, *low, *high);
             self.i(I::BrIf(self.label(*target)));
             self.i(I::Br(self.label(otherwise)));
             return;
         }
         let (lower, upper) = ranges.split_at(ranges.len() / 2);
         self.i(I::LocalGet(local));
-        self.constant(bound(upper[0].0), elem);
+        self.constant(Value::from_i128(elem, i128::from(upper[0].0)), elem);
         self.i(simple(BinOp::Lt, elem));
         self.open(I::If(BlockType::Empty));
         self.decide(local, elem, lower, otherwise);
@@ -361,18 +366,7 @@ impl Fun<'_, '_> {
                 continue;
             }
             for (number, (low, high)) in ranges.iter().enumerate() {
-                let bound = |v: i64| Value::from_i128(elem, i128::from(v));
-                self.i(I::LocalGet(local));
-                self.constant(bound(*low), elem);
-                if low == high {
-                    self.i(simple(BinOp::Eq, elem));
-                } else {
-                    self.i(simple(BinOp::Ge, elem));
-                    self.i(I::LocalGet(local));
-                    self.constant(bound(*high), elem);
-                    self.i(simple(BinOp::Le, elem));
-                    self.i(I::I32And);
-                }
+                self.is_within(local, elem, *low, *high);
                 if number > 0 {
                     self.i(I::I32Or);
                 }
