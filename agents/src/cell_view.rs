@@ -3,6 +3,7 @@
 //! Who drives an MC is told by its gateway's record alone. Whether a controller is there is told by its liveliness token and
 //! its reports. What the manager wants is the assignment; what is on its way is in `under_way`.
 
+use crate::unfit::Unfit;
 use fam_proto::mark::{Mark, hash_marked};
 use fam_proto::model::{CellModel, McModel};
 use fam_proto::{
@@ -402,48 +403,45 @@ impl CellView {
         Some(Need::Lost(owner.controller.clone(), loss))
     }
 
-    /// Whether a controller may be given an MC; if not, why.
+    /// Whether a controller may be given an MC.
     ///
     /// # Errors
-    /// The reason, for people.
-    pub fn may_take(&self, controller: &ControllerId, mc: &McId, now: Now) -> Result<(), String> {
-        let Some((model, view)) = self.mc(mc) else {
-            return Err(format!("{mc} is not in the cell model"));
-        };
+    /// Why not.
+    pub fn may_take(&self, controller: &ControllerId, mc: &McId, now: Now) -> Result<(), Unfit> {
+        let (model, view) = self.mc(mc).ok_or_else(|| Unfit::UnknownMc(mc.clone()))?;
         if !model.hosts.contains(controller) {
-            return Err("does not host it".to_owned());
+            return Err(Unfit::NoHost);
         }
-        let Some(there) = self.controllers.get(controller) else {
-            return Err("is not in the cell model".to_owned());
-        };
-        let Some(registration) = &there.registration else {
-            return Err("has not registered".to_owned());
-        };
+        let there = self
+            .controllers
+            .get(controller)
+            .ok_or(Unfit::UnknownController)?;
+        let registration = there.registration.as_ref().ok_or(Unfit::NotRegistered)?;
         if let Some(loss) = there.lost {
-            return Err(format!("is lost ({loss})"));
+            return Err(Unfit::Lost(loss));
         }
         if there.leaving {
-            return Err("is leaving".to_owned());
+            return Err(Unfit::Leaving);
         }
         if there.drained {
-            return Err("is drained".to_owned());
+            return Err(Unfit::Drained);
         }
         if let Some(why) = there.ineligible.get(mc) {
-            return Err(why.clone());
+            return Err(Unfit::Ineligible(why.clone()));
         }
         if !registration.mcs.iter().any(|h| &h.mc == mc) {
-            return Err("has no project that contains it".to_owned());
+            return Err(Unfit::NoProject);
         }
         if let Some(record) = view.record.as_ref().filter(|r| r.suspect)
             && record.state == RecordState::Open
             && record.owner.as_ref() == Some(&registration.owner)
         {
-            return Err("has fallen silent with it".to_owned());
+            return Err(Unfit::Silent);
         }
         if let Some(left_out) = view.left_out.get(controller)
             && !(left_out.cleared && now >= left_out.until)
         {
-            return Err(format!("is left out for now ({})", left_out.why));
+            return Err(Unfit::LeftOut(left_out.why.clone()));
         }
         Ok(())
     }

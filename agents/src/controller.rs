@@ -8,7 +8,7 @@ use fam_proto::model::McModel;
 use fam_proto::{
     AgentId, Award, Bid, BootId, CallForProposals, Cause, ControllerId, Envelope, Epoch, Event,
     EventKind, GatewayId, Hosted, InputImage, LayoutHash, McId, McLoad, McOffer, Message, Now,
-    QosEvent, Registered, Registration, ResourceReport, Severity, Staged,
+    QosEvent, Registration, ResourceReport, Severity, Staged,
 };
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -84,7 +84,6 @@ pub struct ControllerAgent {
     /// The event of a new controller below its limit has been raised.
     joined: bool,
     overloads: u32,
-    ineligible: BTreeMap<McId, String>,
     /// When each gateway's newest image came.
     images: BTreeMap<GatewayId, Now>,
     sample: NodeSample,
@@ -119,7 +118,6 @@ impl ControllerAgent {
             leaving: None,
             joined: false,
             overloads: 0,
-            ineligible: BTreeMap::new(),
             images: BTreeMap::new(),
             sample: NodeSample::default(),
             intervals: BTreeMap::new(),
@@ -141,12 +139,6 @@ impl ControllerAgent {
     #[must_use]
     pub fn refusal(&self) -> Option<&str> {
         self.manager.refused.as_deref()
-    }
-
-    /// MCs that are hosted here but may not run, with the reason.
-    #[must_use]
-    pub fn ineligible(&self) -> &BTreeMap<McId, String> {
-        &self.ineligible
     }
 
     /// What was won in the last negotiation.
@@ -279,7 +271,7 @@ impl ControllerAgent {
     /// A message for the CA.
     pub fn message(&mut self, envelope: Envelope, now: Now) {
         match envelope.body {
-            Message::Registered(registered) => self.registered(registered, now),
+            Message::Registered(_) => self.registered(now),
             Message::RegistrationRefused(why) => self.refused(why, now),
             Message::CallForProposals(call) => self.bid(&call, now),
             Message::Award(award) => self.won = Some(award),
@@ -357,9 +349,10 @@ impl ControllerAgent {
         self.send(AgentId::Manager, Message::Register(registration));
     }
 
-    fn registered(&mut self, registered: Registered, now: Now) {
+    /// Which MCs may not run here is the manager's to heed: a late answer, to a life before this one or to an earlier registration,
+    /// would have this controller refuse what it may run.
+    fn registered(&mut self, now: Now) {
         self.manager.refused = None;
-        self.ineligible = registered.ineligible.into_iter().collect();
         if !self.manager.registered {
             self.manager.registered = true;
             self.report(now);
@@ -535,8 +528,6 @@ impl ControllerAgent {
         let stale_us = IMAGE_TICKS_MAX * u64::from(self.config.model.tick_us);
         let unable = if self.leaving.is_some() {
             Some(format!("{me} is leaving"))
-        } else if let Some(why) = self.ineligible.get(mc) {
-            Some(why.clone())
         } else if age_us == u64::MAX {
             Some(format!("{me} has had no input image of {}", model.gateway))
         } else if age_us > stale_us {

@@ -16,3 +16,4 @@ pub mod node;
 #[cfg(test)]
 mod node_tests;
 pub mod planner;
+pub mod unfit;

@@ -9,6 +9,7 @@ use std::process::{Child, Command};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+use tokio::sync::Notify;
 
 const ENDPOINT: &str = "FAM_TEST_CHILD_ENDPOINT";
 const FRAMES: u64 = 200;
@@ -85,11 +86,13 @@ async fn a_killed_process_loses_its_token() {
 async fn a_frozen_receiver_holds_nobody_else_up() {
     let (at, link, mut events) = hub().await;
     let received = Arc::new(AtomicU64::new(0));
-    let counter = received.clone();
+    let arrival = Arc::new(Notify::new());
+    let (counter, arrived) = (received.clone(), arrival.clone());
     let sinks = Sinks {
         frame: Some(Arc::new(move |_: McId, bytes: FrameBytes| {
             assert_eq!(bytes.len(), FRAME_BYTES);
             counter.fetch_add(1, Ordering::Relaxed);
+            arrived.notify_one();
         })),
         image: None,
     };
@@ -123,7 +126,7 @@ async fn a_frozen_receiver_holds_nobody_else_up() {
     assert!(longest < Duration::from_secs(1), "a put took {longest:?}");
     let arrived = async {
         while received.load(Ordering::Relaxed) < FRAMES * 9 / 10 {
-            tokio::time::sleep(Duration::from_millis(5)).await;
+            arrival.notified().await;
         }
     };
     tokio::time::timeout(SOON, arrived)

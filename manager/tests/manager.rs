@@ -428,7 +428,6 @@ async fn status(client: &mut Client, wanted: impl Fn(&CellStatus) -> bool) -> Ce
             {
                 return status;
             }
-            tokio::time::sleep(Duration::from_millis(10)).await;
         }
     };
     tokio::time::timeout(SOON, asking)

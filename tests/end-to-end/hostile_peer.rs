@@ -140,36 +140,39 @@ async fn attack(cell: &ImageCell) -> Vec<fam_proto::Applied> {
     };
     let (link, _events) = Link::open(options).await.unwrap();
     let heard: Arc<Mutex<Vec<Heard>>> = Arc::default();
-    let sink = Arc::clone(&heard);
+    let news = Arc::new(tokio::sync::Notify::new());
+    let (sink, tell) = (Arc::clone(&heard), Arc::clone(&news));
     let _ears = link
         .subscribe("fam/two_stations/**", move |key, bytes| {
             let mut heard = sink.lock().unwrap();
             if heard.len() < HEARD_MAX {
                 heard.push((key.to_owned(), bytes.into_owned()));
+                tell.notify_one();
             }
         })
         .unwrap();
     let within = Duration::from_secs(10);
     let end = recording::fetch(&link, &name, &gateway, u64::MAX, within);
     let from = end.await.unwrap().first;
-    let deadline = tokio::time::Instant::now() + within;
-    while heard.lock().unwrap().len() < 200 {
-        assert!(
-            tokio::time::Instant::now() < deadline,
-            "the peer hears nothing"
-        );
-        tokio::time::sleep(Duration::from_millis(10)).await;
-    }
+    let hearing = async {
+        while heard.lock().unwrap().len() < 200 {
+            news.notified().await;
+        }
+    };
+    tokio::time::timeout(within, hearing)
+        .await
+        .expect("the peer hears nothing");
     let keys = keys();
     let mut dice = Dice(0x9E37_79B9_7F4A_7C15);
+    // As fast as a cycle: the cell is to be attacked, not only its machine.
+    let mut pace = tokio::time::interval(Duration::from_millis(1));
     for round in 0..ROUNDS {
         for key in &keys {
             let bytes = missile(&mut dice, &heard.lock().unwrap(), key);
             link.put_raw(key, bytes);
         }
         if round % 4 == 0 {
-            // As fast as a cycle: the cell is to be attacked, not only its machine.
-            tokio::time::sleep(Duration::from_millis(1)).await;
+            pace.tick().await;
         }
     }
     let mut applied = Vec::new();

@@ -6,6 +6,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
@@ -108,18 +109,25 @@ impl Fam {
 
     /// Waits for its end.
     pub fn ended(&mut self) -> ExitStatus {
-        let deadline = Instant::now() + WITHIN;
-        loop {
-            if let Some(status) = self.child.try_wait().unwrap() {
-                return status;
+        let (ended, end) = std::sync::mpsc::channel::<()>();
+        let process = self.child.id().cast_signed();
+        // Waiting blocks: a process that does not end is killed by another thread.
+        let guard = std::thread::spawn(move || {
+            let is_late = end.recv_timeout(WITHIN) == Err(RecvTimeoutError::Timeout);
+            if is_late {
+                // SAFETY: a signal to our own child, which nobody has waited for yet.
+                unsafe { libc::kill(process, libc::SIGKILL) };
             }
-            assert!(
-                Instant::now() < deadline,
-                "it does not end; it printed\n{}",
-                self.text()
-            );
-            std::thread::sleep(Duration::from_millis(5));
-        }
+            is_late
+        });
+        let status = self.child.wait().unwrap();
+        drop(ended);
+        assert!(
+            !guard.join().unwrap(),
+            "it does not end; it printed\n{}",
+            self.text()
+        );
+        status
     }
 }
 

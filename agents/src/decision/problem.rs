@@ -3,6 +3,7 @@
 use crate::cell_view::{CellView, UnderWay};
 use crate::monitor::{Placement, Qualities};
 use crate::planner::{Capacity, Demand, Host, LIMIT_PPM, Problem, Solution};
+use crate::unfit::Unfit;
 use fam_proto::model::McModel;
 use fam_proto::{Bid, Cause, ControllerId, Holding, McId, Now};
 use std::collections::{BTreeMap, BTreeSet};
@@ -38,7 +39,7 @@ pub(super) struct Built {
     pub(super) controllers: Vec<ControllerId>,
     pub(super) mcs: Vec<McId>,
     /// For each MC the controllers that do not come into question, with the reason.
-    refusals: Vec<Vec<(ControllerId, String)>>,
+    refusals: Vec<Vec<(ControllerId, Unfit)>>,
 }
 
 /// MCs that run on a controller and are not on their way.
@@ -151,7 +152,7 @@ impl Asked<'_> {
         model: &McModel,
         called: bool,
         place: &dyn Fn(&ControllerId) -> Option<u32>,
-    ) -> (Vec<Host>, Vec<(ControllerId, String)>) {
+    ) -> (Vec<Host>, Vec<(ControllerId, Unfit)>) {
         let (mut hosts, mut refusals) = (Vec::new(), Vec::new());
         let pinned = self.view.mcs[&model.mc]
             .pinned
@@ -161,7 +162,7 @@ impl Asked<'_> {
             let verdict = self.objection(model, controller, called, pinned);
             match (verdict, place(controller)) {
                 (Err(why), _) => refusals.push((controller.clone(), why)),
-                (Ok(_), None) => refusals.push((controller.clone(), "is not there".to_owned())),
+                (Ok(_), None) => refusals.push((controller.clone(), Unfit::NotRegistered)),
                 (Ok(cost), Some(at)) => hosts.push(Host {
                     controller: at,
                     cost,
@@ -177,32 +178,32 @@ impl Asked<'_> {
         controller: &ControllerId,
         called: bool,
         pinned: Option<&ControllerId>,
-    ) -> Result<u64, String> {
+    ) -> Result<u64, Unfit> {
         let mc = &model.mc;
         self.view.may_take(controller, mc, self.now)?;
         match self.target {
             Some((wished, to)) if wished == mc => {
                 if to != controller {
-                    return Err(format!("the operator wants it on {to}"));
+                    return Err(Unfit::Unwished(to.clone()));
                 }
             }
             _ => {
                 if let Some(pin) = pinned
                     && pin != controller
                 {
-                    return Err(format!("it is pinned to {pin}"));
+                    return Err(Unfit::Pinned(pin.clone()));
                 }
             }
         }
         let bid = self.bids.get(controller);
         match bid {
-            None if called => return Err("did not answer the call in time".to_owned()),
+            None if called => return Err(Unfit::NoBid),
             None => {}
             Some(bid) => {
                 if let Some(offer) = bid.offers.iter().find(|o| &o.mc == mc)
                     && let Some(why) = &offer.unable
                 {
-                    return Err(why.clone());
+                    return Err(Unfit::Unable(why.clone()));
                 }
             }
         }
@@ -213,7 +214,7 @@ impl Asked<'_> {
             bid,
             holding: self.holdings.get(&(controller.clone(), mc.clone())),
         };
-        self.qualities.weigh(&placement)?;
+        self.qualities.weigh(&placement).map_err(Unfit::Quality)?;
         Ok(self.qualities.cost(&placement))
     }
 

@@ -3,6 +3,7 @@
 use super::desk::Ticket;
 use super::{ManagerAct, MiddlewareManager};
 use crate::monitor::News;
+use crate::unfit::Unfit;
 use fam_proto::{
     Cause, ControllerId, Event, EventKind, McId, MoveKind, Now, Plan, PlanId, QosEvent, RepoWrite,
     Severity,
@@ -57,7 +58,7 @@ pub enum PlanRefusal {
         /// The target.
         controller: ControllerId,
         /// Why not.
-        why: String,
+        why: Unfit,
     },
     /// A move that does not fit what the record says.
     #[error("{mc} cannot be moved like this: {why}")]
