@@ -58,6 +58,21 @@ pub fn referenced(project: &TypedProject) -> BTreeSet<VarId> {
     found
 }
 
+/// The longest STRING and WSTRING that is passed as VAR_IN_OUT somewhere, in characters: a parameter is the variable itself, which
+/// may be declared longer than the parameter.
+pub fn passed_texts(project: &TypedProject) -> [u32; 2] {
+    let mut most = [0; 2];
+    for pou in &project.pous {
+        visit_writes(&pou.body, &mut |place, by_reference| {
+            if let (true, Some((wide, len))) = (by_reference, project.types.text(place.ty)) {
+                let most = &mut most[usize::from(wide)];
+                *most = (*most).max(len);
+            }
+        });
+    }
+    most
+}
+
 impl State<'_> {
     fn touched(&mut self, pou: PouId) -> &Touched {
         let project = self.project;

@@ -148,6 +148,8 @@ struct State<'p> {
     touched: BTreeMap<PouId, hold::Touched>,
     /// Variables that a reference may lead to.
     referenced: BTreeSet<VarId>,
+    /// Characters of the longest STRING and WSTRING that a VAR_IN_OUT may be.
+    passed_texts: [u32; 2],
     /// String constants, by width and characters.
     texts: BTreeMap<(bool, Vec<u16>), u32>,
     dispatchers: Vec<dispatch::Dispatcher>,
@@ -179,6 +181,7 @@ impl<'p> State<'p> {
             scratch: BTreeMap::new(),
             touched: BTreeMap::new(),
             referenced: hold::referenced(project),
+            passed_texts: hold::passed_texts(project),
             texts: BTreeMap::new(),
             dispatchers: Vec::new(),
         }

@@ -7,10 +7,10 @@ use super::SiteKind;
 use super::fun::{Fun, Slot, mem, val};
 use super::helper;
 use crate::check::stdfun::StdFun;
-use crate::check::tree::{Expr, ExprKind, FunctionCall, Place, Root};
+use crate::check::tree::{Expr, ExprKind, FunctionCall, Place, Root, StepKind};
 use crate::check::visit::{Node, visit_nodes};
 use crate::source::Span;
-use crate::types::Elem;
+use crate::types::{Elem, STRING_LEN_MAX};
 
 /// Bytes before the characters: the current length.
 pub const TEXT_HEADER: u32 = 4;
@@ -399,9 +399,44 @@ impl Fun<'_, '_> {
         (head, tail)
     }
 
+    /// How many characters the string can have. Its type does not tell where a VAR_IN_OUT or a reference is involved: the variable
+    /// that it leads to may be longer.
+    fn most(&self, expr: &Expr) -> u32 {
+        let types = &self.m.project.types;
+        let (wide, declared) = types.text(expr.ty).unwrap_or_default();
+        let longest = |args: &[Expr]| args.iter().map(|a| self.most(a)).max().unwrap_or(0);
+        let led_to = match &expr.kind {
+            ExprKind::Load(place) => {
+                let passed = place.steps.is_empty()
+                    && matches!(place.root, Root::Var(id)
+                        if matches!(self.slots.get(&id), Some(Slot::PointerText(..))));
+                let referenced = place
+                    .steps
+                    .iter()
+                    .any(|s| matches!(s.kind, StepKind::Deref));
+                if passed || referenced {
+                    self.m.passed_texts[usize::from(wide)]
+                } else {
+                    0
+                }
+            }
+            ExprKind::Std(fun, args) => match fun {
+                StdFun::Concat => args.iter().map(|a| self.most(a)).sum(),
+                StdFun::Insert | StdFun::Replace => self.most(&args[0]) + self.most(&args[1]),
+                StdFun::Left | StdFun::Right | StdFun::Mid | StdFun::Delete => self.most(&args[0]),
+                StdFun::Sel | StdFun::Mux => longest(&args[1..]),
+                StdFun::Max | StdFun::Min | StdFun::Limit => longest(args),
+                _ if types.text(args[0].ty).is_some() => self.most(&args[0]),
+                _ => 0,
+            },
+            _ => 0,
+        };
+        declared.max(led_to.min(STRING_LEN_MAX))
+    }
+
     /// Pushes the pieces one after the other as one string; gives their locals back.
     fn join(&mut self, pieces: &[View], wide: bool, expr: &Expr) {
-        let most = self.m.project.types.text(expr.ty).map_or(0, |t| t.1);
+        let most = self.most(expr);
         let at = self.m.allocate(u64::from(most) * if wide { 2 } else { 1 });
         let total = self.temp(ValType::I32);
         let room = self.temp(ValType::I32);
@@ -473,9 +508,19 @@ impl Fun<'_, '_> {
     /// Pushes the text of an elementary value, or of a string of the other width.
     fn value_text(&mut self, arg: &Expr, wide: bool) {
         let project = self.m.project;
-        if let Some((from_wide, len)) = project.types.text(arg.ty) {
-            let at = self.m.allocate(u64::from(len) * 2);
-            self.text(arg);
+        if let Some((from_wide, _)) = project.types.text(arg.ty) {
+            let most = self.most(arg);
+            let at = self.m.allocate(u64::from(most) * 2);
+            let of = self.view(arg);
+            self.i(I::LocalGet(of.ptr));
+            // Never more than there is room for, whatever a reference leads to.
+            self.i(I::LocalGet(of.len));
+            self.i(I::I32Const(most as i32));
+            self.i(I::LocalGet(of.len));
+            self.i(I::I32Const(most as i32));
+            self.i(I::I32LtU);
+            self.i(I::Select);
+            self.drop_view(of);
             self.i(I::I32Const(at as i32));
             self.i(I::I32Const(i32::from(from_wide)));
             let number = self
