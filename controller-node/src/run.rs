@@ -6,7 +6,7 @@ use crate::mailbox::Mailbox;
 use crate::real_time::{self, RealTimeOptions};
 use crate::replica_thread::{self, ReplicaThread};
 use crate::scan_thread::{self, Begun, Doing, Host, ScanThread};
-use crate::sender_thread;
+use crate::sender_thread::{self, Outbox, SenderThread};
 use crate::shared::Shared;
 use crate::shell::{Informed, NodeShell};
 use crate::stage::Stager;
@@ -146,7 +146,7 @@ pub async fn run(
         .zip(hosted.runtimes)
         .map(|(spec, runtime)| Replica::new(spec.clone(), owner.clone(), runtime));
 
-    let bell = Arc::new(Bell::default());
+    let (bell, frames_bell) = (Arc::new(Bell::default()), Arc::new(Bell::default()));
     let mut threads = Vec::new();
     let replica_thread = ReplicaThread {
         replicas: replicas.collect(),
@@ -161,10 +161,14 @@ pub async fn run(
     };
     threads.push(spawn("fam-replica", move || replica_thread.run())?);
     {
-        let (sender, shared, trace) = (link.sender(), shared.clone(), trace.clone());
-        threads.push(spawn("fam-sender", move || {
-            sender_thread::run(&scanned_out, &sender, &shared, &trace);
-        })?);
+        let sender_thread = SenderThread {
+            jobs: scanned_out,
+            bell: frames_bell.clone(),
+            sender: link.sender(),
+            shared: shared.clone(),
+            trace: trace.clone(),
+        };
+        threads.push(spawn("fam-sender", move || sender_thread.run())?);
     }
     let scan_thread = ScanThread {
         core: ScanCore::new(
@@ -181,10 +185,16 @@ pub async fn run(
         host: Host {
             shared: shared.clone(),
             doing: doing.clone(),
-            frames: scanned_in,
+            frames: Outbox::new(
+                scanned_in,
+                frames_bell.clone(),
+                hosted.controller.tick_us,
+                trace.is_on(),
+            ),
             replicas: jobs_in.clone(),
             news: news.clone(),
-            timed: trace.is_on(),
+            took_ns: vec![0; hosted.specs.len()],
+            scan: None,
         },
         jitter_out: jitter_full_in,
         jitter_back: jitter_empty_out,
@@ -208,6 +218,7 @@ pub async fn run(
     };
     let watchdog = Watchdog {
         doing,
+        frames_bell,
         clock,
         scan_ns_max: hosted
             .models

@@ -6,7 +6,7 @@ use crate::cpu::{Bell, ThreadClock, monotonic_ns, thread_ns};
 use crate::mailbox::Mailbox;
 use crate::real_time::{self, RealTimeOptions};
 use crate::replica_thread::ReplicaJob;
-use crate::sender_thread::SenderJob;
+use crate::sender_thread::Outbox;
 use crate::shared::Shared;
 use crossbeam_channel::{Receiver, Sender};
 use fam_agents::node::NodeLocal;
@@ -62,10 +62,13 @@ pub(crate) struct ScanThread<R> {
 pub(crate) struct Host<R> {
     pub shared: Arc<Shared>,
     pub doing: Arc<Doing>,
-    pub frames: Sender<SenderJob>,
+    pub frames: Outbox,
     pub replicas: Sender<ReplicaJob<R>>,
     pub news: UnboundedSender<NodeLocal>,
-    pub timed: bool,
+    /// How long the last scan of each MC took, in nanoseconds.
+    pub took_ns: Vec<u64>,
+    /// The scan that runs, and since when.
+    pub scan: Option<(usize, u64)>,
 }
 
 impl<R> ScanHost<R> for Host<R> {
@@ -75,8 +78,12 @@ impl<R> ScanHost<R> for Host<R> {
 
     fn scanning(&mut self, mc: Option<usize>) {
         if let Some(mc) = mc {
+            self.frames.before_a_scan_of(self.took_ns[mc]);
+            self.scan = Some((mc, monotonic_ns()));
             self.doing.mc.store(mc as u64, Ordering::Relaxed);
             self.doing.from_ns.store(thread_ns(), Ordering::Relaxed);
+        } else if let Some((mc, from_ns)) = self.scan.take() {
+            self.took_ns[mc] = monotonic_ns().saturating_sub(from_ns);
         }
         self.doing.turn.fetch_add(1, Ordering::Release);
     }
@@ -89,8 +96,7 @@ impl<R> ScanHost<R> for Host<R> {
     }
 
     fn frame(&mut self, frame: ScannedFrame) {
-        let at_ns = if self.timed { monotonic_ns() } else { 0 };
-        if self.frames.try_send(SenderJob { frame, at_ns }).is_err() {
+        if !self.frames.put(frame) {
             let dropped = &self.shared.counters.frames_dropped;
             dropped.fetch_add(1, Ordering::Relaxed);
         }
@@ -164,12 +170,14 @@ impl<R: McRuntime> ScanThread<R> {
     fn tick(&mut self, now: Now) {
         self.take_what_came(now);
         self.core.tick(now, &mut self.host);
+        self.host.frames.flush();
         self.shared.write_loads(self.core.loads(now));
     }
 
     fn between_ticks(&mut self, now: Now) {
         self.take_what_came(now);
         self.core.start_at_once(now, &mut self.host);
+        self.host.frames.flush();
     }
 
     fn take_what_came(&mut self, now: Now) {

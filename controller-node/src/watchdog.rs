@@ -4,7 +4,7 @@
 //! makes no MC trap. A scan that is over its time gets one tick of the engine, and a second one, which ends it, only if
 //! the same scan still runs at the next look: the scan after it cannot be hit.
 
-use crate::cpu::ThreadClock;
+use crate::cpu::{Bell, ThreadClock};
 use crate::mailbox::Mailbox;
 use crate::scan_thread::{Doing, Jitter};
 use crate::shared::Shared;
@@ -18,8 +18,11 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use sysinfo::{ProcessRefreshKind, ProcessesToUpdate, System};
 
-/// How often the scan thread is looked at.
-const LOOK: Duration = Duration::from_millis(2);
+/// A scan's time is looked at so many times before it is over.
+const LOOKS: u32 = 4;
+/// How often the scan thread is looked at, at most and at least.
+const LOOK_MIN: Duration = Duration::from_millis(1);
+const LOOK_MAX: Duration = Duration::from_millis(10);
 /// How often the host's load is read.
 const HOST_EVERY: Duration = Duration::from_millis(500);
 /// How often measuring points are published.
@@ -39,6 +42,8 @@ pub(crate) fn scan_ns_max(cycle_us: u32, suspect_us: u64) -> u64 {
 /// What the watchdog thread is given.
 pub(crate) struct Watchdog<I> {
     pub doing: Arc<Doing>,
+    /// Rung for a scan that goes on: frames of the scans before it may wait.
+    pub frames_bell: Arc<Bell>,
     pub clock: Option<ThreadClock>,
     /// For each MC, in nanoseconds.
     pub scan_ns_max: Vec<u64>,
@@ -70,9 +75,13 @@ impl<I: Fn()> Watchdog<I> {
         let mut over = None;
         let mut total: Option<Jitter> = crate::scan_thread::jitter();
         let started = Instant::now();
+        let shortest = self.scan_ns_max.iter().min().copied();
+        let look = shortest.map_or(LOOK_MAX, |ns| {
+            (Duration::from_nanos(ns) / LOOKS).clamp(LOOK_MIN, LOOK_MAX)
+        });
         let (mut host_at, mut trace_at, mut say_at) = (started, started, started + SAY_EVERY);
         while !self.shared.stopped() {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(look);
             over = self.look(over);
             let now = Instant::now();
             if now >= host_at {
@@ -106,6 +115,7 @@ impl<I: Fn()> Watchdog<I> {
         if turn.is_multiple_of(2) {
             return None;
         }
+        self.frames_bell.ring();
         let mc = self.doing.mc.load(Ordering::Relaxed) as usize;
         let from_ns = self.doing.from_ns.load(Ordering::Relaxed);
         let limit_ns = *self.scan_ns_max.get(mc)?;

@@ -95,7 +95,7 @@ async fn measure() -> Result<(), Box<dyn std::error::Error>> {
         for _ in 0..200 {
             let frame = vec![7; bytes];
             let start = Instant::now();
-            sender.put_frame(&mc, frame);
+            sender.put_frame(&mc, frame, false);
             puts.push(start.elapsed());
             match arrivals.recv_timeout(Duration::from_secs(1)) {
                 Ok((at, len)) => {

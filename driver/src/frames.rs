@@ -74,7 +74,15 @@ pub struct FrameSender {
     session: zenoh::Session,
     cell: CellId,
     pieces: Arc<PieceSender>,
-    publishers: Arc<Mutex<BTreeMap<McId, Publisher<'static>>>>,
+    publishers: Arc<Mutex<BTreeMap<McId, Publishers>>>,
+}
+
+/// Of one MC's frames.
+struct Publishers {
+    /// Leaves at once, with all that waits before it.
+    last: Publisher<'static>,
+    /// Waits for what follows.
+    followed: Publisher<'static>,
 }
 
 impl FrameSender {
@@ -92,8 +100,9 @@ impl FrameSender {
     }
 
     /// Puts a frame. A receiver that is too slow misses it: its next full checkpoint makes that good. Returns whether the
-    /// session took it. One that is too long for one message goes in pieces, each acknowledged by the gateway.
-    pub fn put_frame(&self, mc: &McId, bytes: Vec<u8>) -> bool {
+    /// session took it. One that is too long for one message goes in pieces, each acknowledged by the gateway. One that is
+    /// `followed` by another at once may leave in one packet with it.
+    pub fn put_frame(&self, mc: &McId, bytes: Vec<u8>, followed: bool) -> bool {
         if PieceSender::has_to(&bytes) {
             return self
                 .pieces
@@ -103,23 +112,33 @@ impl FrameSender {
             return false;
         };
         if !publishers.contains_key(mc) {
-            let publisher = self
-                .session
-                .declare_publisher(keys::frame(&self.cell, mc))
-                .congestion_control(CongestionControl::Drop)
-                .priority(Priority::DataHigh)
-                .express(true)
-                .allowed_destination(Locality::Remote)
-                .wait();
-            match publisher {
-                Ok(publisher) => publishers.insert(mc.clone(), publisher),
-                Err(error) => {
+            match (self.publisher(mc, true), self.publisher(mc, false)) {
+                (Ok(last), Ok(followed)) => {
+                    publishers.insert(mc.clone(), Publishers { last, followed })
+                }
+                (Err(error), _) | (_, Err(error)) => {
                     tracing::error!(mc = %mc, "frames of {mc} cannot be sent: {error}");
                     return false;
                 }
             };
         }
-        publishers[mc].put(bytes).wait().is_ok()
+        let publishers = &publishers[mc];
+        let publisher = if followed {
+            &publishers.followed
+        } else {
+            &publishers.last
+        };
+        publisher.put(bytes).wait().is_ok()
+    }
+
+    fn publisher(&self, mc: &McId, express: bool) -> zenoh::Result<Publisher<'static>> {
+        self.session
+            .declare_publisher(keys::frame(&self.cell, mc))
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::DataHigh)
+            .express(express)
+            .allowed_destination(Locality::Remote)
+            .wait()
     }
 }
 

@@ -112,7 +112,7 @@ async fn images_and_large_frames_arrive_whole() {
         let putting = async {
             loop {
                 let (sender, mc, bytes) = (sender.clone(), mc.clone(), bytes.to_vec());
-                let put = std::thread::spawn(move || sender.put_frame(&mc, bytes));
+                let put = std::thread::spawn(move || sender.put_frame(&mc, bytes, false));
                 assert!(put.join().unwrap());
                 let arrival = tokio::time::timeout(AGAIN, taken.recv()).await;
                 // A late copy of an earlier one is passed over.

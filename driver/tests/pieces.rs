@@ -108,7 +108,7 @@ async fn frame_at_gateway(three: &mut Three) -> (McId, Vec<u8>) {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_frame_that_is_too_long_for_one_message_comes_whole_to_gateway_and_host() {
     let mut three = three().await;
-    assert!(three.driver.sender().put_frame(&mc(), bytes(1)));
+    assert!(three.driver.sender().put_frame(&mc(), bytes(1), false));
     let (seen, whole) = frame_at_gateway(&mut three).await;
     assert_eq!(seen, mc());
     assert!(whole == bytes(1), "the frame at the gateway is another");
@@ -149,7 +149,7 @@ async fn a_host_that_acknowledges_nothing_holds_nobody_up() {
         .unwrap();
     let mut held = Vec::new();
     while held.is_empty() {
-        assert!(three.driver.sender().put_frame(&mc(), bytes(2)));
+        assert!(three.driver.sender().put_frame(&mc(), bytes(2), false));
         assert!(frame_at_gateway(&mut three).await.1 == bytes(2));
         while let Ok(query) = keeps.try_recv() {
             held.push(query);
@@ -200,7 +200,7 @@ async fn broken_pieces_are_counted_and_the_next_good_message_comes() {
         let answer = three.driver.request(&key, bad, SOON).await;
         assert!(answer.is_err(), "{answer:?}");
     }
-    assert!(three.driver.sender().put_frame(&mc(), bytes(4)));
+    assert!(three.driver.sender().put_frame(&mc(), bytes(4), false));
     assert!(frame_at_gateway(&mut three).await.1 == bytes(4));
     assert!(three.hub.bad_messages() + three.host.bad_messages() >= 3);
 }

@@ -146,7 +146,7 @@ impl Node {
             }
         };
         let bytes = driver.frame(image);
-        assert!(self.link.sender().put_frame(&mc_id(), bytes));
+        assert!(self.link.sender().put_frame(&mc_id(), bytes, false));
     }
 
     /// Scans until the gateway has acknowledged the last frame: the first ones may be lost while links are being made.
@@ -282,10 +282,10 @@ async fn frames_that_do_not_read_harm_nobody() {
     let good = driver.encode();
     for len in [0, 1, 3, 4, 20, good.len() - 1] {
         let sender = node.link.sender();
-        assert!(sender.put_frame(&mc_id(), good[..len].to_vec()));
+        assert!(sender.put_frame(&mc_id(), good[..len].to_vec(), false));
         let mut bad = good.clone();
         bad[len] ^= 0xFF;
-        assert!(sender.put_frame(&mc_id(), bad));
+        assert!(sender.put_frame(&mc_id(), bad, false));
     }
     let key = keys::to(&cell.cell, &ProcessId::Gateway(gateway_id()));
     node.link.put_raw(&key, b"garbage".to_vec());
