@@ -1,7 +1,7 @@
 //! Expressions: types, implicit conversions, constants.
 
 use crate::check::tree::{Expr, ExprKind, InitValue, Limits, Place, Root};
-use crate::check::{Checker, Declared, Dialect, key};
+use crate::check::{Checker, Declared, key};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast;
@@ -288,35 +288,6 @@ impl Checker<'_> {
         error_expr(expr.span)
     }
 
-    /// What CODESYS converts without being told: numbers and bit strings among each other, with a warning.
-    fn narrow(&mut self, expr: &Expr, ty: TypeId) -> Option<Expr> {
-        if self.options.dialect != Dialect::Codesys {
-            return None;
-        }
-        let (from, to) = (self.types.elem(expr.ty)?, self.types.elem(ty)?);
-        let plain = |e: Elem| e.is_num() || e.is_bit() || e == Elem::Time;
-        let bits = from.is_bit() && to.is_real() || from.is_real() && to.is_bit();
-        if !plain(from) || !plain(to) || bits || (to == Elem::Bool && from.is_real()) {
-            return None;
-        }
-        if !matches!(expr.kind, ExprKind::Const(_)) && from.bits() > to.bits() {
-            self.report(
-                Problem::warning(
-                    "W710",
-                    expr.span,
-                    format!("{from} becomes {to} here and may lose digits"),
-                )
-                .hint(format!("say so: {from}_TO_{to}(...)")),
-            );
-        }
-        let inner = Expr {
-            ty: TypeId::of(from),
-            ..expr.clone()
-        };
-        let converted = self.convert(inner, to, expr.span);
-        Some(self.within(converted, ty))
-    }
-
     /// A reference, NULL, or an instance where an interface is expected.
     fn coerce_reference(&mut self, expr: Expr, ty: TypeId) -> Expr {
         let fits = match (self.types.kind(ty), self.types.kind(expr.ty)) {
@@ -344,7 +315,7 @@ impl Checker<'_> {
     }
 
     /// Checks a subrange: a constant now, anything else at run time.
-    fn within(&mut self, expr: Expr, ty: TypeId) -> Expr {
+    pub(super) fn within(&mut self, expr: Expr, ty: TypeId) -> Expr {
         let TypeKind::Subrange { lo, hi, .. } = *self.types.kind(ty) else {
             return Expr { ty, ..expr };
         };

@@ -7,6 +7,7 @@ mod configured;
 mod declare;
 mod expr;
 mod init;
+mod liberties;
 pub mod lint;
 mod methods;
 mod open_arrays;

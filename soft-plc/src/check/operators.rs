@@ -1,8 +1,8 @@
 //! Operators: which apply to which types, in which type they are computed, and their values for constants.
 
+use crate::check::Checker;
 use crate::check::expr::{constant, error_expr};
 use crate::check::tree::{Expr, ExprKind};
-use crate::check::{Checker, Dialect};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{BinOp, UnOp};
@@ -36,6 +36,9 @@ impl Checker<'_> {
             UnOp::Not => e.is_bit(),
         });
         let (Some(elem), true) = (elem, fits) else {
+            if let Some(result) = elem.and_then(|e| self.liberal_unary(op, &inner, e, span)) {
+                return result;
+            }
             let (text, expected) = match op {
                 UnOp::Neg => ("-", "a signed integer, REAL, LREAL or TIME"),
                 UnOp::Not => ("NOT", "BOOL or a bit string"),
@@ -133,68 +136,6 @@ impl Checker<'_> {
             ty,
             span,
         }
-    }
-
-    /// Arithmetic and logic of CODESYS: bit strings are unsigned numbers, and numbers are bit strings.
-    fn liberal_binary(&mut self, op: BinOp, left: &Expr, right: &Expr, span: Span) -> Option<Expr> {
-        if self.options.dialect != Dialect::Codesys {
-            return None;
-        }
-        let (left, right) = (self.settle(left.clone()), self.settle(right.clone()));
-        let (l, r) = (self.types.elem(left.ty)?, self.types.elem(right.ty)?);
-        let plain = |e: Elem| (e.is_num() || e.is_bit()) && e != Elem::Bool;
-        if !plain(l) || !plain(r) {
-            return None;
-        }
-        let bits = l.bits().max(r.bits());
-        let target = if op.is_logic() {
-            if l.is_real() || r.is_real() {
-                return None;
-            }
-            [Elem::Byte, Elem::Word, Elem::Dword, Elem::Lword]
-                .into_iter()
-                .find(|e| e.bits() == bits)?
-        } else if l.is_real() || r.is_real() || op == BinOp::Pow {
-            if l == Elem::Lreal || r == Elem::Lreal || bits > 32 {
-                Elem::Lreal
-            } else {
-                Elem::Real
-            }
-        } else {
-            let signed = l.is_signed() || r.is_signed();
-            Elem::ALL
-                .into_iter()
-                .find(|e| e.is_int() && e.bits() == bits && e.is_signed() == signed)?
-        };
-        if op == BinOp::Mod && target.is_real() {
-            return None;
-        }
-        let mut as_target = |e: Expr, from: Elem| {
-            // A bit string is a number here, never the bits of a real.
-            let number = if from.is_bit() && target.is_real() {
-                let whole = if from == Elem::Lword {
-                    Elem::Ulint
-                } else {
-                    Elem::Udint
-                };
-                self.convert(
-                    Expr {
-                        ty: TypeId::of(from),
-                        ..e
-                    },
-                    whole,
-                    span,
-                )
-            } else {
-                Expr {
-                    ty: TypeId::of(from),
-                    ..e
-                }
-            };
-            self.convert(number, target, span)
-        };
-        let (a, b) = (as_target(left, l), as_target(right, r));
-        Some(self.finish_binary(op, target, a, b, span))
     }
 
     fn compare_references(&mut self, op: BinOp, left: Expr, right: Expr, span: Span) -> Expr {

@@ -67,6 +67,15 @@ impl Checker<'_> {
                 self.partial(place, *size, *number, expr.span)
             }
             ast::ExprKind::Direct(text) => {
+                if let Some(id) = self.find_var(text) {
+                    let ty = self.var(id).ty;
+                    return (ty != TypeId::ERROR).then(|| Place {
+                        root: Root::Var(id),
+                        steps: Vec::new(),
+                        ty,
+                        span: expr.span,
+                    });
+                }
                 let result = parse_location(text, expr.span);
                 let location = self.ok(result)?;
                 let elem = match location.size {
@@ -377,6 +386,7 @@ impl Checker<'_> {
             return None;
         }
         let typed = self.settle(typed);
+        let typed = self.as_whole_number(typed);
         let usable = self
             .types
             .elem(typed.ty)
@@ -440,6 +450,7 @@ impl Checker<'_> {
                 return None;
             }
             let typed = self.settle(typed);
+            let typed = self.as_whole_number(typed);
             let usable = self
                 .types
                 .elem(typed.ty)

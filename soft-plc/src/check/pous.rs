@@ -98,26 +98,41 @@ impl<'p> Checker<'p> {
             self.pous[id.0 as usize].result = Some(var);
             self.current.names.insert(key(&syntax.name.name), var);
         }
-        for block in &syntax.vars {
-            for decl in &block.decls {
-                if block.section == VarSection::External {
-                    self.declare_external(decl);
-                    continue;
-                }
-                self.check_section(syntax, block, decl);
-                self.before_open_array(id, block.section, decl);
-                let var = self.declare_var(block, decl, block.section, Some(id));
-                let name = key(&decl.name.name);
-                if self.current.names.contains_key(&name) {
-                    let message = format!("the variable `{}` is declared twice", decl.name.name);
-                    self.report(Problem::error("E201", decl.name.span, message));
-                }
-                self.current.names.insert(name, var);
-                self.pous[id.0 as usize].vars.push(var);
-                self.check_instance_section(syntax, block, decl, var);
-                if let Some(edge) = decl.edge {
-                    self.declare_edge(id, var, edge, decl);
-                }
+        // Constants first: the bounds of an array may name one that is declared below it.
+        let constants = |block: &&'p ast::VarBlock| block.constant;
+        let rest = |block: &&'p ast::VarBlock| !block.constant;
+        let before = self.pou(id).vars.len();
+        for block in syntax.vars.iter().filter(constants) {
+            self.declare_block(id, syntax, block);
+        }
+        for block in syntax.vars.iter().filter(rest) {
+            self.declare_block(id, syntax, block);
+        }
+        // In the order of the text again, which is that of calls without names.
+        let mut vars = self.pous[id.0 as usize].vars.split_off(before);
+        vars.sort_by_key(|var| self.var(*var).span);
+        self.pous[id.0 as usize].vars.append(&mut vars);
+    }
+
+    fn declare_block(&mut self, id: PouId, syntax: &'p ast::Pou, block: &'p ast::VarBlock) {
+        for decl in &block.decls {
+            if block.section == VarSection::External {
+                self.declare_external(decl);
+                continue;
+            }
+            self.check_section(syntax, block, decl);
+            self.before_open_array(id, block.section, decl);
+            let var = self.declare_var(block, decl, block.section, Some(id));
+            let name = key(&decl.name.name);
+            if self.current.names.contains_key(&name) {
+                let message = format!("the variable `{}` is declared twice", decl.name.name);
+                self.report(Problem::error("E201", decl.name.span, message));
+            }
+            self.current.names.insert(name, var);
+            self.pous[id.0 as usize].vars.push(var);
+            self.check_instance_section(syntax, block, decl, var);
+            if let Some(edge) = decl.edge {
+                self.declare_edge(id, var, edge, decl);
             }
         }
     }

@@ -416,7 +416,8 @@ impl Checker<'_> {
                     if self.types.is_enum(before) || self.types.is_enum(expr.ty) {
                         return None;
                     }
-                    TypeId::of(self.types.elem(before)?.common(self.types.elem(expr.ty)?)?)
+                    let (a, b) = (self.types.elem(before)?, self.types.elem(expr.ty)?);
+                    TypeId::of(a.common(b).or_else(|| self.liberal_common(a, b))?)
                 }
             });
         }
@@ -475,11 +476,18 @@ impl Checker<'_> {
             (TypeId::UNTYPED_INT, Some(e)) => self.coerce(value, TypeId::of(e)),
             _ => value,
         };
+        let value = if self.is_liberal() {
+            self.settle(value)
+        } else {
+            value
+        };
         let elem = self.types.elem(value.ty);
-        if !elem.is_some_and(|e| e.is_bit() && e != Elem::Bool) {
+        let is_bits = elem.is_some_and(|e| e.is_bit() && e != Elem::Bool);
+        if !(is_bits || self.is_liberal() && elem.is_some_and(Elem::is_int)) {
             return self.wrong_argument(name, &value, "a bit string: BYTE, WORD, DWORD or LWORD");
         }
         let count = self.settle(count);
+        let count = self.as_whole_number(count);
         if !self
             .types
             .elem(count.ty)
@@ -488,12 +496,21 @@ impl Checker<'_> {
             return self.wrong_argument(name, &count, "an integer number of places");
         }
         let count = self.coerce(count, TypeId::of(Elem::Lint));
+        if let Some(shifted) = self.liberal_shift(fun, &value, &count, span) {
+            return shifted;
+        }
         let ty = value.ty;
         self.standard(fun, vec![value, count], ty, span)
     }
 
     /// The call itself; of constants its value.
-    fn standard(&mut self, fun: StdFun, args: Vec<Expr>, ty: TypeId, span: Span) -> Expr {
+    pub(super) fn standard(
+        &mut self,
+        fun: StdFun,
+        args: Vec<Expr>,
+        ty: TypeId,
+        span: Span,
+    ) -> Expr {
         if args.iter().any(|e| e.ty == TypeId::ERROR) {
             return error_expr(span);
         }
@@ -544,6 +561,18 @@ impl Checker<'_> {
         };
         if mode == Mode::Truncate {
             return Some(self.truncate(inner, target, span));
+        }
+        if !self.types.is_enum(inner.ty) && !self.types.is_enum(to) {
+            let seen = Expr {
+                ty: TypeId::of(source),
+                ..inner.clone()
+            };
+            if let Some(converted) = self.liberal_conversion(seen, source, target, span) {
+                return Some(Expr {
+                    ty: to,
+                    ..converted
+                });
+            }
         }
         let allowed = convertible(source, target)
             && (!self.types.is_enum(to) || source.is_int() || self.types.same(inner.ty, to));

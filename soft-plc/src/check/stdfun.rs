@@ -283,6 +283,8 @@ fn shift(fun: StdFun, width: u32, value: i128, n: i128) -> i128 {
     match fun {
         StdFun::Shl if (0..width).contains(&n) => value << n,
         StdFun::Shr if (0..width).contains(&n) => value >> n,
+        // Of a signed number, which CODESYS shifts too, its sign is left.
+        StdFun::Shr if value < 0 => -1,
         StdFun::Shl | StdFun::Shr => 0,
         _ => {
             let left = if fun == StdFun::Rol { n } else { -n }.rem_euclid(width);

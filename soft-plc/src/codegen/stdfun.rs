@@ -292,6 +292,9 @@ impl Fun<'_, '_> {
         let wide = val(elem) == ValType::I64;
         let width = i64::from(elem.bits());
         let rotate = matches!(fun, StdFun::Rol | StdFun::Ror);
+        if fun == StdFun::Shr && elem.is_signed() {
+            return self.shift_signed(value, count, elem);
+        }
         self.expr(value);
         if rotate && elem.bits() >= 32 {
             self.expr(count);
@@ -339,6 +342,25 @@ impl Fun<'_, '_> {
         self.i(I::I64Const(width));
         self.i(I::I64LtU);
         self.i(I::Select);
+        self.release(places);
+    }
+
+    /// A signed number to the right, as CODESYS does it: what is shifted in is the sign, also by too many places.
+    fn shift_signed(&mut self, value: &Expr, count: &Expr, elem: Elem) {
+        let wide = val(elem) == ValType::I64;
+        let most = i64::from(elem.bits()) - 1;
+        self.expr(value);
+        let places = self.spill(count);
+        self.i(I::LocalGet(places));
+        self.i(I::I64Const(most));
+        self.i(I::LocalGet(places));
+        self.i(I::I64Const(most));
+        self.i(I::I64LtU);
+        self.i(I::Select);
+        if !wide {
+            self.i(I::I32WrapI64);
+        }
+        self.i(if wide { I::I64ShrS } else { I::I32ShrS });
         self.release(places);
     }
 

@@ -398,7 +398,12 @@ impl Parser<'_> {
     pub(super) fn var_decl(&mut self, decls: &mut Vec<VarDecl>) -> Parsed<()> {
         let mut names = Vec::new();
         loop {
-            let name = self.ident("the name of a variable, or END_VAR")?;
+            // `AT %IW6 : INT;`: the address is its own name.
+            let named = if self.at(Tok::Kw(Kw::At)) {
+                None
+            } else {
+                Some(self.ident("the name of a variable, or END_VAR")?)
+            };
             let location = if self.eat_kw(Kw::At) {
                 let span = self.expect(Tok::Direct, "a direct address such as %IX0.0")?;
                 Some(Ident {
@@ -408,7 +413,9 @@ impl Parser<'_> {
             } else {
                 None
             };
-            names.push((name, location));
+            if let Some(name) = named.or_else(|| location.clone()) {
+                names.push((name, location));
+            }
             if !self.eat(Tok::Comma) {
                 break;
             }

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use fam_soft_plc::standalone::{Shown, show};
-use fam_soft_plc::{CheckOptions, CompiledMc, Instance, SourceFile, Value, check, parse_project};
+use fam_soft_plc::{
+    CheckOptions, CompiledMc, Dialect, Instance, SourceFile, Value, check, compile, parse_project,
+};
 
 use crate::common::Machine;
 
@@ -15,13 +17,20 @@ pub struct Case {
 }
 
 pub struct File {
+    dialect: Dialect,
     pous: String,
     cases: Vec<Case>,
 }
 
 fn read(path: &Path) -> File {
     let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let is_codesys = path.file_stem().is_some_and(|stem| stem == "codesys");
     let mut file = File {
+        dialect: if is_codesys {
+            Dialect::Codesys
+        } else {
+            Dialect::Standard
+        },
         pous: String::new(),
         cases: Vec::new(),
     };
@@ -64,7 +73,7 @@ fn program(name: &str, case: &Case) -> String {
 }
 
 /// The code of the first error of a text that should have one.
-fn refused(text: String) -> Result<(), String> {
+fn refused(text: String, dialect: Dialect) -> Result<(), String> {
     let (project, problems) = parse_project(&[SourceFile::new("case.st", text)]);
     let errors = |list: Vec<fam_soft_plc::Diagnostic>| {
         list.into_iter()
@@ -73,7 +82,13 @@ fn refused(text: String) -> Result<(), String> {
     if let Some(problem) = errors(problems) {
         return Err(problem.code);
     }
-    match check(&project, CheckOptions::default()) {
+    match check(
+        &project,
+        CheckOptions {
+            dialect,
+            ..CheckOptions::default()
+        },
+    ) {
         Ok(_) => Ok(()),
         Err(problems) => errors(problems).map_or(Ok(()), |p| Err(p.code)),
     }
@@ -141,10 +156,14 @@ pub fn compiled(file: &File) -> (CompiledMc, Vec<i64>) {
     text.push_str(&format!(
         "PROGRAM Main VAR_INPUT which : INT; END_VAR\nCASE which OF\n{calls}END_CASE;\nEND_PROGRAM\n"
     ));
-    (
-        crate::common::compiled(&text, &crate::common::spec("Main")),
-        numbers,
-    )
+    let options = CheckOptions {
+        dialect: file.dialect,
+        ..CheckOptions::default()
+    };
+    let typed = crate::common::typed_with(&text, options);
+    let mc = compile(&typed, &crate::common::spec("Main"));
+    let mc = mc.unwrap_or_else(|d| panic!("{}", crate::common::show(&d)));
+    (mc, numbers)
 }
 
 #[test]
@@ -158,7 +177,7 @@ fn programs_give_what_was_worked_out_from_the_standard() {
         let mut broken = false;
         for (number, case) in file.cases.iter().enumerate() {
             let own = program(&format!("C{number}"), case);
-            let found = refused(format!("{}{own}", file.pous)).err();
+            let found = refused(format!("{}{own}", file.pous), file.dialect).err();
             let expected = case.expected.strip_prefix("error ").map(str::to_owned);
             if found != expected {
                 broken |= found.is_some();

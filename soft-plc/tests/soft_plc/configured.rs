@@ -122,3 +122,26 @@ fn a_line_of_var_config_that_means_nothing_says_so() {
         assert!(found.contains(message), "{line}\n{found}");
     }
 }
+
+/// `VAR AT %IW2 : INT; END_VAR`: a variable whose address is its name has the declared type and initial value.
+#[test]
+fn an_address_can_be_declared_without_a_name() {
+    let text = "PROGRAM P
+VAR
+  AT %IW2 : INT;
+  AT %QW4 : INT := -7;
+  AT %IX0.0 : BOOL;
+  r : INT;
+END_VAR
+r := %iw2;
+IF %IX0.0 THEN %QW4 := r - 1; END_IF;
+END_PROGRAM";
+    let mut m = Machine::new(text);
+    m.instance.inputs_mut()[4..6].copy_from_slice(&(-300_i16).to_le_bytes());
+    m.scan();
+    assert_eq!(m.text("r"), "-300");
+    assert_eq!(m.instance.outputs()[8..10], (-7_i16).to_le_bytes());
+    m.instance.inputs_mut()[0] = 1;
+    m.scan();
+    assert_eq!(m.instance.outputs()[8..10], (-301_i16).to_le_bytes());
+}

@@ -323,6 +323,15 @@ fn shift(fun: StdFun, elem: Elem, value: i128, places: i128) -> i128 {
             out |= 1 << bit;
         }
     }
+    // A signed number, which CODESYS shifts too, keeps its sign.
+    if fun == StdFun::Shr && value < 0 {
+        let places = if (0..width).contains(&places) {
+            places
+        } else {
+            width
+        };
+        return value.div_euclid(1 << places);
+    }
     out
 }
 
