@@ -142,6 +142,14 @@ impl Checker<'_> {
                 let whole = self.convert(expr, Elem::Lint, span);
                 Some(self.convert(whole, to, span))
             }
+            (Elem::Bool, to) if to.is_real() => {
+                let whole = self.convert(expr, Elem::Usint, span);
+                Some(self.convert(whole, to, span))
+            }
+            (from, Elem::Bool) if from.is_real() => {
+                let zero = constant(Value::from_i128(from, 0), TypeId::of(from), span);
+                Some(self.finish_binary(BinOp::Ne, from, expr, zero, span))
+            }
             (Elem::Date | Elem::Dt | Elem::Tod, to) if number(to) => {
                 let ns = self.convert(expr, Elem::Lint, span);
                 let unit = constant(Value::Int(unit_ns(from)), TypeId::of(Elem::Lint), span);

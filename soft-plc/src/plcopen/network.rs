@@ -30,6 +30,31 @@ const SILENT: [&str; 9] = [
     "networkComment",
 ];
 
+/// Attributes that modify what goes in or comes out.
+#[derive(Clone, Copy)]
+struct Side {
+    negated: &'static str,
+    edge: &'static str,
+    storage: &'static str,
+}
+
+const PLAIN: Side = Side {
+    negated: "negated",
+    edge: "edge",
+    storage: "storage",
+};
+/// `<inOutVariable>` has both.
+const IN: Side = Side {
+    negated: "negatedIn",
+    edge: "edgeIn",
+    storage: "storageIn",
+};
+const OUT: Side = Side {
+    negated: "negatedOut",
+    edge: "edgeOut",
+    storage: "storageOut",
+};
+
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
     New,
@@ -309,8 +334,11 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
                 Some(self.modified(node, value))
             }
             "inOutVariable" => {
-                self.run(node);
-                self.expression(node)
+                if !self.later(node) && !self.feeds_itself(node) {
+                    self.run(node);
+                }
+                let value = self.expression(node)?;
+                Some(self.modified_at(node, OUT, value))
             }
             "contact" => self.contact(node, id),
             "coil" | "outVariable" => {
@@ -335,11 +363,7 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
 
     fn continuation(&mut self, node: Node<'a, 'i>) -> Option<Expr> {
         let name = node.attribute("name").unwrap_or_default().to_owned();
-        let found = self
-            .by_id
-            .values()
-            .copied()
-            .find(|n| n.has_tag_name_local("connector") && n.attribute("name") == Some(&name));
+        let found = self.connector_of(node);
         match found {
             Some(connector) => self.own_input(connector),
             None => {
@@ -394,9 +418,13 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
 
     /// Negation and edges of an element or pin.
     fn modified(&mut self, node: Node<'a, 'i>, value: Expr) -> Expr {
+        self.modified_at(node, PLAIN, value)
+    }
+
+    fn modified_at(&mut self, node: Node<'a, 'i>, side: Side, value: Expr) -> Expr {
         let at = At(value.span);
         let mut value = value;
-        if let Some(edge) = node.attribute("edge").filter(|e| *e != "none") {
+        if let Some(edge) = node.attribute(side.edge).filter(|e| *e != "none") {
             let ty = if edge == "falling" {
                 "F_TRIG"
             } else {
@@ -408,7 +436,7 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             self.emit(call);
             value = at.field(&trigger, "Q");
         }
-        if is_true(node, "negated") {
+        if is_true(node, side.negated) {
             value = at.not(value);
         }
         value
@@ -483,7 +511,6 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
     }
 
     fn out_variable(&mut self, node: Node<'a, 'i>) {
-        let at = At(self.reader.tag(node));
         let Some(target) = self.expression(node) else {
             return;
         };
@@ -491,18 +518,26 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             // A variable that nothing is connected to is left alone.
             return;
         };
-        let value = self.modified(node, value);
+        let side = if node.has_tag_name_local("inOutVariable") {
+            IN
+        } else {
+            PLAIN
+        };
+        let value = self.modified_at(node, side, value);
         let id = node.attribute("localId").unwrap_or_default();
         if self.users.get(id).copied().unwrap_or(0) > 0 {
             self.wires
                 .insert((id.to_owned(), String::new()), target.clone());
         }
-        let _ = at;
-        self.store(node, target, value);
+        self.store_at(node, side, target, value);
     }
 
     /// Plain, set or reset.
     fn store(&mut self, node: Node<'a, 'i>, target: Expr, value: Expr) {
+        self.store_at(node, PLAIN, target, value);
+    }
+
+    fn store_at(&mut self, node: Node<'a, 'i>, side: Side, target: Expr, value: Expr) {
         let at = At(self.reader.tag(node));
         let mut target = target;
         if let (Some((name, wire)), ExprKind::Name(own)) = (&self.result, &target.kind)
@@ -511,7 +546,7 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             target = at.name(wire);
             self.result = None;
         }
-        let stmt = match node.attribute("storage") {
+        let stmt = match node.attribute(side.storage) {
             Some("set") => at.if_then(value, vec![at.assign(target, at.bool(true))]),
             Some("reset") => at.if_then(value, vec![at.assign(target, at.bool(false))]),
             _ => at.assign(target, value),
@@ -719,6 +754,46 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             Some(pin) if is_true(*pin, "negated") => at.not(value),
             _ => value,
         })
+    }
+
+    /// Whether a loop of connections leads through the variable: then it is read as it was before it is written, which is what a
+    /// feedback variable is for (third edition, clause 8.1.4).
+    fn feeds_itself(&self, node: Node<'a, 'i>) -> bool {
+        let mut seen = BTreeSet::new();
+        let mut next = vec![node];
+        while let Some(at) = next.pop() {
+            for connection in at
+                .descendants()
+                .filter(|n| n.has_tag_name_local("connection"))
+            {
+                let id = connection.attribute("refLocalId").unwrap_or_default();
+                let Some(before) = self.by_id.get(id).copied() else {
+                    continue;
+                };
+                if before == node {
+                    return true;
+                }
+                if seen.insert(id) {
+                    next.push(before);
+                    if let Some(connector) = self.connector_of(before) {
+                        next.push(connector);
+                    }
+                }
+            }
+        }
+        false
+    }
+
+    /// Where what comes out of a continuation goes in.
+    fn connector_of(&self, node: Node<'a, 'i>) -> Option<Node<'a, 'i>> {
+        let name = node.attribute("name")?;
+        if !node.has_tag_name_local("continuation") {
+            return None;
+        }
+        self.by_id
+            .values()
+            .copied()
+            .find(|n| n.has_tag_name_local("connector") && n.attribute("name") == Some(name))
     }
 
     /// Whether the element is to run after one that is running, by their numbers.

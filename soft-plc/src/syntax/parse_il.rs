@@ -3,6 +3,8 @@
 //! The current result becomes an expression that grows with each instruction; where it is stored or decides something, it
 //! goes through a temporary variable first, so that later changes of its operands do not change it.
 
+use std::collections::BTreeSet;
+
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{Arg, BinOp, Expr, ExprKind, Pou, Stmt, StmtKind, UnOp, VarSection};
@@ -218,6 +220,50 @@ impl Parser<'_> {
     }
 }
 
+/// Whether what follows the label begins with the current result of before.
+fn needs_result(items: &[Item], label: usize) -> bool {
+    let index_of = |number: usize| {
+        let labels = items.iter().enumerate();
+        labels
+            .filter(|(_, i)| matches!(i, Item::Label(..)))
+            .nth(number)
+            .map(|(index, _)| index)
+    };
+    let number_of = |name: &str| {
+        let mut labels = items.iter().filter_map(|i| match i {
+            Item::Label(label, _) => Some(label),
+            _ => None,
+        });
+        labels.position(|label| label.eq_ignore_ascii_case(name))
+    };
+    let mut seen = BTreeSet::new();
+    let mut at = index_of(label);
+    while let Some(index) = at {
+        if !seen.insert(index) {
+            return false;
+        }
+        at = match items.get(index) {
+            None => return false,
+            Some(Item::Close(_)) => return true,
+            Some(Item::Label(..)) => Some(index + 1),
+            Some(Item::Run(instruction)) => {
+                let target = instruction.operands.first().and_then(|a| a.value.as_ref());
+                match (instruction.op.as_str(), target.map(|t| &t.kind)) {
+                    ("LD" | "LDN" | "RET", _) => return false,
+                    ("CAL", _) => Some(index + 1),
+                    ("JMP", Some(ExprKind::Name(name))) => number_of(name).and_then(index_of),
+                    // A function that names its arguments.
+                    (_, _) if instruction.operands.iter().any(|a| a.name.is_some()) => {
+                        return false;
+                    }
+                    _ => return true,
+                }
+            }
+        };
+    }
+    false
+}
+
 struct Lowering {
     segments: Vec<Vec<Stmt>>,
     result: Option<Expr>,
@@ -229,6 +275,10 @@ struct Lowering {
     /// Makes names of temporaries unique in the POU.
     tag: usize,
     jumps: bool,
+    /// Whether the next instruction is reached from the last one.
+    reached: bool,
+    /// Labels to which a current result is carried.
+    carried: BTreeSet<usize>,
     at: At,
 }
 
@@ -242,6 +292,8 @@ impl Lowering {
             operations: 0,
             tag: pou.vars.len(),
             jumps: false,
+            reached: true,
+            carried: BTreeSet::new(),
             at: At(span),
         }
     }
@@ -260,7 +312,7 @@ impl Lowering {
         self.result.clone().ok_or_else(|| {
             Box::new(
                 Problem::error("E710", span, "there is no current result here")
-                    .hint("begin with LD; after a label the result before it is not known"),
+                    .hint("begin with LD; a label has the result of before only if every way to it has one"),
             )
         })
     }
@@ -292,6 +344,38 @@ impl Lowering {
         Ok(wire)
     }
 
+    /// The variable in which the current result reaches a label.
+    fn label_wire(&self, label: usize) -> String {
+        format!("__il{}_at{label}", self.tag)
+    }
+
+    fn carry(&mut self, label: usize, value: Expr, span: Span) -> Stmt {
+        let (wire, at) = (self.label_wire(label), At(span));
+        if self.carried.insert(label) {
+            self.wires.push(wire.clone());
+        }
+        at.assign(at.name(&wire), value)
+    }
+
+    /// At a label: the current result is that of the way by which it was reached, if each way has one.
+    fn arrive(&mut self, label: usize, needed: bool, span: Span) {
+        let before = self.result.take().filter(|_| needed);
+        let known = match before {
+            Some(value) if self.reached => {
+                let stmt = self.carry(label, value, span);
+                self.emit(stmt);
+                true
+            }
+            _ => needed && !self.reached && self.carried.contains(&label),
+        };
+        self.segments.push(Vec::new());
+        self.operations = 0;
+        self.reached = true;
+        if known {
+            self.result = Some(At(span).name(&self.label_wire(label)));
+        }
+    }
+
     fn item(&mut self, item: &Item, all: &[Item]) -> Result<(), Box<Problem>> {
         match item {
             Item::Label(name, span) => {
@@ -299,8 +383,8 @@ impl Lowering {
                     .iter()
                     .filter(|i| matches!(i, Item::Label(other, _) if other == name))
                     .count();
-                self.segments.push(Vec::new());
-                self.result = None;
+                let number = self.segments.len() - 1;
+                self.arrive(number, needs_result(all, number), *span);
                 if same > 1 {
                     return Problem::error(
                         "E711",
@@ -422,12 +506,18 @@ impl Lowering {
                     return Problem::error("E711", target.span, message).fail();
                 };
                 self.jumps = true;
-                let steps = jump(at, &self.pc(), number + 1);
+                let mut steps = jump(at, &self.pc(), number + 1);
+                if needs_result(all, number) {
+                    let value = self.settled(span)?;
+                    steps.insert(0, self.carry(number, value, span));
+                }
                 self.conditional(op, "JMP", span, steps)?;
+                self.reached = op != "JMP";
             }
             "RET" | "RETC" | "RETCN" => {
                 let steps = vec![at.stmt(StmtKind::Return)];
                 self.conditional(op, "RET", span, steps)?;
+                self.reached = op != "RET";
             }
             "CAL" | "CALC" | "CALCN" => {
                 let target = operand()?;

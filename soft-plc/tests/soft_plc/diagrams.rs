@@ -154,6 +154,78 @@ fn function_blocks_are_called_once_and_feed_back() {
     assert_eq!(seen, ["1", "1", "2", "2", "3", "0", "0"]);
 }
 
+fn in_out(id: u32, more: &str, text: &str, source: &[&str]) -> String {
+    format!(
+        "<inOutVariable localId=\"{id}\" {more}>{}<connectionPointOut/><expression>{text}</expression></inOutVariable>",
+        from(source)
+    )
+}
+
+/// A loop through functions has its memory in a variable that stands in it; wherever the loop is entered.
+#[test]
+fn a_variable_in_a_loop_of_functions_feeds_back() {
+    let parts = [
+        block(5, "ADD", "", &["IN1=2", "IN2=6"], &["OUT"]),
+        in_out(6, "", "count", &["5.OUT"]),
+        input(2, "step"),
+        output(7, "twice", &["8.OUT"]),
+        block(8, "ADD", "", &["IN1=5.OUT", "IN2=5.OUT"], &["OUT"]),
+    ];
+    for first in 0..parts.len() {
+        let turned = [&parts[first..], &parts[..first]].concat().concat();
+        let mut m = machine(
+            &["step:INT", "count:INT", "twice:INT"],
+            &format!("<FBD>{turned}</FBD>"),
+        );
+        m.set("step", Value::Int(3));
+        let mut seen = Vec::new();
+        for _ in 0..3 {
+            m.scan();
+            seen.push((m.text("count"), m.text("twice")));
+        }
+        let expected = [("3", "6"), ("6", "12"), ("9", "18")];
+        let expected = expected.map(|(a, b)| (a.to_owned(), b.to_owned()));
+        assert_eq!(seen, expected, "begun with part {first}");
+    }
+}
+
+#[test]
+fn both_sides_of_a_variable_are_modified() {
+    let body = [
+        input(1, "go"),
+        in_out(2, "negatedIn=\"true\" negatedOut=\"true\"", "kept", &["1"]),
+        output(3, "out", &["2"]),
+        in_out(4, "storageIn=\"set\"", "once", &["1"]),
+        in_out(5, "edgeOut=\"rising\"", "echo", &["1"]),
+        output(6, "edge", &["5"]),
+    ]
+    .concat();
+    let vars = [
+        "go:BOOL",
+        "kept:BOOL",
+        "out:BOOL",
+        "once:BOOL",
+        "echo:BOOL",
+        "edge:BOOL",
+    ];
+    let mut m = machine(&vars, &format!("<FBD>{body}</FBD>"));
+    let mut seen = Vec::new();
+    for go in [false, true, true, false] {
+        m.set("go", Value::Bool(go));
+        m.scan();
+        seen.push(["kept", "out", "once", "edge"].map(|v| m.text(v)).join(" "));
+    }
+    assert_eq!(
+        seen,
+        [
+            "TRUE FALSE FALSE FALSE",
+            "FALSE TRUE TRUE TRUE",
+            "FALSE TRUE TRUE FALSE",
+            "TRUE FALSE TRUE FALSE"
+        ]
+    );
+}
+
 #[test]
 fn enable_inputs_stop_a_function_and_keep_its_value() {
     let body = [

@@ -242,6 +242,56 @@ fn methods_are_inherited_overridden_and_chosen_by_the_instance() {
     check_cases(CLASSES, CLASS_CASES);
 }
 
+/// A label has the current result of the way by which it is reached.
+#[test]
+fn a_current_result_reaches_a_label() {
+    let text = "
+PROGRAM P
+VAR_INPUT reset : BOOL; END_VAR
+VAR count, copy, n : INT; END_VAR
+LD reset
+JMPC clear
+LD count
+ADD 1
+JMP done
+clear:
+LD 100
+done:
+ST count
+ST copy
+LD 0
+again:
+ADD 2
+ST n
+LT 7
+JMPCN over
+LD n
+JMP again
+over:
+LD n
+ST n
+END_PROGRAM";
+    let mut m = Machine::new(text);
+    m.scan();
+    m.scan();
+    assert_eq!((m.text("count"), m.text("copy")), ("2".into(), "2".into()));
+    m.set("reset", fam_soft_plc::Value::Bool(true));
+    m.scan();
+    assert_eq!(m.text("count"), "100");
+    assert_eq!(m.text("n"), "8");
+    // One way to the label has no result.
+    let text = "PROGRAM P VAR a : BOOL; b : INT; END_VAR
+JMP on
+LD 1
+JMP on
+on:
+ST b
+END_PROGRAM";
+    let (_, problems) = fam_soft_plc::parse_project(&[fam_soft_plc::SourceFile::new("p.st", text)]);
+    let problems = crate::common::show(&problems);
+    assert!(problems.contains("E710"), "{problems}");
+}
+
 #[test]
 fn lists_of_instructions_run() {
     let text = "
