@@ -1,12 +1,13 @@
 //! The logic of one MC: read, checked by the compiler, and held against what the model says of it.
 
 use crate::files::ModelFiles;
-use crate::generate::Names;
+use crate::generate::{Names, Target};
 use crate::model::{Cell, McSpec};
 use crate::problem::{Explain, suggestion};
 use fam_soft_plc::check::tree::{PouId, Root, TypedProject, VarId, visit_places};
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
+use fam_soft_plc::plain::plain_charts;
 use fam_soft_plc::project::parse_project;
 use fam_soft_plc::source::SourceFile;
 use fam_soft_plc::syntax::ast::{PouKind, VarSection};
@@ -17,7 +18,7 @@ use toml::Spanned;
 
 /// The logic as the engineer wrote it, without generated POUs.
 pub struct Logic {
-    /// Files in the order of the model.
+    /// Files in the order of the model; with charts written out, these in a source of their own behind them.
     pub sources: Vec<SourceFile>,
     /// Typed tree.
     pub typed: TypedProject,
@@ -27,18 +28,19 @@ pub struct Logic {
     pub state_globals: Vec<VarId>,
 }
 
-/// Reads and checks. `None` if the compiler refuses it; other problems leave the logic usable for further checks.
+/// Reads and checks; for other compilers than FAM's own with charts as plain statements. `None` if the compiler refuses it; other problems leave the logic usable for further checks.
 pub fn load(
     cell: &Cell,
     mc: &McSpec,
     files: &ModelFiles,
+    target: Target,
     problems: &mut Vec<Diagnostic>,
 ) -> Option<Logic> {
     if mc.logic.is_empty() {
         return None; // reported with the model
     }
-    let sources = read_files(cell, mc, files, problems)?;
-    let (project, found) = parse_project(&sources);
+    let mut sources = read_files(cell, mc, files, problems)?;
+    let (mut project, found) = parse_project(&sources);
     let failed = found.iter().any(|d| d.severity == Severity::Error);
     problems.extend(found);
     if failed {
@@ -52,13 +54,31 @@ pub fn load(
         }
     };
     problems.extend(typed.warnings.iter().cloned());
+    // In the order in which the engineer declared them, whatever becomes of the charts: their places in the state depend on it.
+    let programs = programs(cell, mc, &typed, problems)?;
+    if target == Target::Portable
+        && let Some(plain) = plain_charts(&project, &typed, &sources)
+    {
+        sources = plain;
+        let (read, found) = parse_project(&sources);
+        if found.iter().any(|d| d.severity == Severity::Error) {
+            problems.extend(found);
+            return None;
+        }
+        project = read;
+    }
     // The logic keeps to the standard; conditions and checkpoint states may name what is internal to instances.
     let inside = CheckOptions {
         allow_internal_access: true,
         ..CheckOptions::default()
     };
-    let typed = check(&project, inside).ok()?;
-    let programs = programs(cell, mc, &typed, problems)?;
+    let typed = match check(&project, inside) {
+        Ok(typed) => typed,
+        Err(found) => {
+            problems.extend(found);
+            return None;
+        }
+    };
     reserved_names(cell, mc, &typed, problems);
     actions(cell, mc, &typed, problems);
     let state_globals = typed

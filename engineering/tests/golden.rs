@@ -163,6 +163,17 @@ fn the_marking_machine() {
     validate("marking", &files);
 }
 
+/// The policy's chart as plain statements.
+#[test]
+fn the_marking_machine_in_portable_form() {
+    let files = golden(
+        "marking_portable",
+        "../deploy/marking-machine/cell.toml",
+        Target::Portable,
+    );
+    validate("marking_portable", &files);
+}
+
 #[test]
 fn every_type() {
     let files = golden("types", "tests/cells/types/cell.toml", Target::Fam);

@@ -19,7 +19,8 @@ fn deploy(path: &str) -> PathBuf {
 #[test]
 fn nothing_but_the_standard_is_written() {
     let types = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cells/types/cell.toml");
-    for path in [two_stations(), types, deploy("fms200/cell.toml")] {
+    let marking = deploy("marking-machine/cell.toml");
+    for path in [two_stations(), types, deploy("fms200/cell.toml"), marking] {
         let (files, _) = output::generate(&path, Target::Portable)
             .unwrap_or_else(|p| panic!("{}: {p}", path.display()));
         assert!(files.contains_key("standard.st"));
@@ -28,22 +29,6 @@ fn nothing_but_the_standard_is_written() {
             assert!(!text.contains("__"), "{name} of {}", path.display());
         }
     }
-}
-
-/// The steps of a chart cannot be reached in another compiler's code: that is said, and nothing is left out in silence.
-#[test]
-fn a_chart_is_refused_by_name() {
-    let problems = output::generate(&deploy("marking-machine/cell.toml"), Target::Portable)
-        .expect_err("the policy is a chart")
-        .to_string();
-    assert!(
-        problems.contains("M511")
-            && problems.contains("MC Policy")
-            && problems.contains("`Policy.chart.Idle`")
-            && problems.contains("write the chart as a CASE over a variable")
-            && problems.contains("`--target fam`"),
-        "{problems}"
-    );
 }
 
 /// Every name as a whole word becomes another one.

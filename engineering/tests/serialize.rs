@@ -127,11 +127,6 @@ fn a_state_that_cannot_be_written_out_is_named() {
              PROGRAM M\nVAR f : F; END_VAR\n f(e := TRUE);\nEND_PROGRAM\n",
             "an edge of an input",
         ),
-        (
-            "PROGRAM M\nVAR n : INT; END_VAR\nINITIAL_STEP A: END_STEP\nSTEP B: END_STEP\n\
-             TRANSITION FROM A TO B := TRUE; END_TRANSITION\nTRANSITION FROM B TO A := TRUE; END_TRANSITION\nEND_PROGRAM\n",
-            "the variable `M.A` cannot be serialized one by one: it is a step of a sequential function chart",
-        ),
     ];
     for (logic, message) in table {
         let (_dir, path) = one_mc(logic, "");

@@ -10,6 +10,7 @@ pub mod diag;
 mod diagnose;
 pub mod layout;
 pub mod memory;
+pub mod plain;
 mod plan;
 mod plcopen;
 pub mod project;

@@ -137,6 +137,7 @@ fn add_entry(project: &mut Project, only: Option<&str>) -> Result<i64, Vec<Diagn
         ],
         body: entry.body,
         class: Class::default(),
+        chart: None,
     });
     Ok(cycle_ns)
 }

@@ -79,7 +79,7 @@ pub fn build_for<'a>(model: impl Into<ModelAt<'a>>, target: Target) -> Result<Bu
 
     let at_once = at_once(&cell);
     let front: Vec<Front> = in_parallel(cell.mcs.len(), |index| {
-        let mut front = front(&cell, index, &files);
+        let mut front = front(&cell, index, &files, target);
         if at_once[index]
             && let Some(logic) = front.logic.take()
         {
@@ -238,10 +238,10 @@ fn finished(cell: &Cell, index: usize, logic: &Logic, target: Target, good: bool
     (built, problems)
 }
 
-fn front(cell: &Cell, index: usize, files: &ModelFiles) -> Front {
+fn front(cell: &Cell, index: usize, files: &ModelFiles, target: Target) -> Front {
     let mc = &cell.mcs[index];
     let mut problems = Vec::new();
-    let logic = logic::load(cell, mc, files, &mut problems);
+    let logic = logic::load(cell, mc, files, target, &mut problems);
     let image = logic.as_ref().map(|logic| {
         actuators::check(cell, mc, &logic.typed, &mut problems);
         io::image(cell, mc, logic, &mut problems)

@@ -417,7 +417,8 @@ impl Reader<'_> {
     }
 
     fn logic_reference(&mut self, what: &str, interface: &Part) -> Option<LogicReference> {
-        let Some(text) = self.values.text(interface, "refURI") else {
+        let found = self.caex().attribute(interface, "refURI");
+        let Some(found) = found.filter(|f| !f.value.text.is_empty()) else {
             self.values
                 .error(
                     "M811",
@@ -433,6 +434,8 @@ impl Reader<'_> {
             ));
             return None;
         };
+        let what = &format!("{what}{}", self.caex().in_library(found.file));
+        let text = Spanned::new(found.value.at, found.value.text);
         let uri = match uri::parse(text.get_ref()) {
             Ok(uri) => uri,
             Err(e) => {
@@ -442,7 +445,7 @@ impl Reader<'_> {
                 return None;
             }
         };
-        let path = match join(self.caex().folder(), &uri.path) {
+        let path = match join(self.caex().folder(found.file), &uri.path) {
             Ok(path) => path,
             Err(e) => {
                 self.values

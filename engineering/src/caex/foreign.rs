@@ -183,17 +183,17 @@ fn references(
                 .iter()
                 .any(|c| c.ends_with("/VariableInterface") || c.ends_with("/Tag"));
             let uri = caex.attribute(&interface, "refURI");
+            let found_in = uri.as_ref().map(|found| found.file);
             if !is_logic || (is_variable && uri.is_none()) {
                 continue;
             }
             let object = &caex.objects[element.id].name.text;
             let name = &caex.objects[interface.id].name.text;
-            let what = format!("the logic interface `{name}` of `{object}`");
+            let library = uri.as_ref().map(|f| caex.in_library(f.file));
+            let library = library.unwrap_or_default();
+            let what = format!("the logic interface `{name}` of `{object}`{library}");
             let (at, parsed) = match &uri {
-                Some((_, text)) if !text.text.is_empty() => {
-                    (text.at.clone(), uri::parse(&text.text))
-                }
-                Some((_, text)) => (text.at.clone(), Err(uri::UriError::Empty)),
+                Some(found) => (found.value.at.clone(), uri::parse(&found.value.text)),
                 None => {
                     let problem = caex
                         .text()
@@ -215,7 +215,8 @@ fn references(
                     continue;
                 }
             };
-            let path = match join(caex.folder(), &uri.path) {
+            let file = found_in.unwrap_or_default();
+            let path = match join(caex.folder(file), &uri.path) {
                 Ok(path) => path,
                 Err(e) => {
                     let problem = caex.text().error("M805", at, format!("{what}: {e}"));

@@ -1,7 +1,7 @@
 //! AutomationML: CAEX 3.0 and 2.15, alone or in an `.amlx` container, read into the same model as `cell.toml`, and written.
 //!
 //! - [`document`]: the XML as objects; 2.15 and 3.0 look the same from here on.
-//! - [`library`]: classes, aliases of external libraries, inheritance, mirror objects.
+//! - [`library`]: all files of a model; [`classes`]: class paths, inheritance, mirror objects; [`inherited`]: what an object has of its classes.
 //! - [`instances`]: all elements, those that classes bring along included.
 //! - [`links`]: what an InternalLink joins.
 //! - [`uri`], [`container`], [`mod@zip`]: references to files, and the files of a container.
@@ -10,11 +10,13 @@
 //! - [`mod@write`]: the tables as a CAEX file.
 
 pub mod cell;
+pub mod classes;
 mod component;
 pub mod container;
 pub mod document;
 pub mod foreign;
 pub mod hints;
+pub mod inherited;
 pub mod instances;
 pub mod library;
 pub mod links;

@@ -31,8 +31,7 @@ pub enum UriError {
 
 impl UriError {
     /// What was expected.
-    pub const EXPECTED: &'static str =
-        "a path relative to the model and the name of a POU, such as `logic/station1.xml#Station1`";
+    pub const EXPECTED: &'static str = "a path relative to the file that it stands in and the name of a POU, such as `logic/station1.xml#Station1`";
 }
 
 /// Takes a reference apart.

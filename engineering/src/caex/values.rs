@@ -73,14 +73,14 @@ impl Values<'_> {
     /// A text; empty ones count as missing.
     #[must_use]
     pub fn text(&self, part: &Part, name: &str) -> Option<Spanned<String>> {
-        let (_, text) = self.caex.attribute(part, name)?;
+        let text = self.caex.attribute(part, name)?.value;
         (!text.text.is_empty()).then(|| Spanned::new(text.at, text.text))
     }
 
     /// A number in the quantity's first unit.
     pub fn number(&mut self, part: &Part, name: &str, quantity: Quantity) -> Option<Spanned<f64>> {
-        let (attribute, text) = self.caex.attribute(part, name)?;
-        self.quantity(&attribute, text, quantity)
+        let found = self.caex.attribute(part, name)?;
+        self.quantity(&found.attribute, found.value, quantity)
     }
 
     /// The value of a nested attribute as a number.
@@ -173,8 +173,8 @@ impl Values<'_> {
     /// The value of a variable, as `fail_safe` of `cell.toml` has it.
     #[must_use]
     pub fn variable_value(&self, part: &Part, name: &str) -> Option<Spanned<toml::Value>> {
-        let (attribute, text) = self.caex.attribute(part, name)?;
-        value(attribute.data_type.as_deref(), text)
+        let found = self.caex.attribute(part, name)?;
+        value(found.attribute.data_type.as_deref(), found.value)
     }
 }
 

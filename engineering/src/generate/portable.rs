@@ -6,8 +6,9 @@
 //! form to the other.
 //!
 //! What the standard has no conversion for is written out: an enumeration as a CASE over its values, a string character by
-//! character, a date as the time from the first one. What other compilers keep out of reach (the steps of a chart, the edges of
-//! R_EDGE inputs) or what means nothing elsewhere (addresses) is an error that names it.
+//! character, a date as the time from the first one. Charts have become plain statements before (`fam_soft_plc::plain`), their steps
+//! structures. What other compilers keep out of reach (the edges of R_EDGE inputs) or what means nothing elsewhere (addresses) is
+//! an error that names it.
 
 use fam_soft_plc::check::tree::{TypedProject, VarId};
 use fam_soft_plc::syntax::ast::VarSection;
@@ -42,7 +43,6 @@ pub struct PortableError {
 
 /// Hints of [`PortableError`], by what stands against a variable.
 mod hints {
-    pub const CHART: &str = "the standard lets a program read the flag and the time of a step, but not set them, so that no other PLC could take the state over: write the chart as a CASE over a variable that names the step, with a TON for the time in it; or generate with `--target fam` for FAM's own soft-PLC, which keeps charts";
     pub const MADE: &str = "use an instance of R_TRIG or F_TRIG instead of R_EDGE or F_EDGE; or generate with `--target fam`";
     pub const ADDRESS: &str = "keep the index of what is meant instead of a reference to it; or generate with `--target fam`";
     pub const OTHER: &str = "give it an elementary type, or an array or structure of such; or generate with `--target fam`";
@@ -225,13 +225,6 @@ impl Writer<'_> {
                 .try_for_each(|f| self.walk(&path.field(&f.name), f.ty)),
             TypeKind::FunctionBlock(pou) => {
                 let unit = self.project.pou(*pou);
-                if is_hidden(&unit.name) {
-                    return Err(self.error(
-                        path,
-                        "it is a step of a sequential function chart, whose activity and time other compilers keep to themselves",
-                        hints::CHART,
-                    ));
-                }
                 for id in &unit.vars {
                     let var = self.project.var(*id);
                     if !is_kept(var.section) || var.constant {
@@ -268,7 +261,7 @@ impl Writer<'_> {
         if path.has_hidden() {
             return Err(self.error(
                 path,
-                "the compiler made it (an edge of an input, or the work of a chart), and others keep it elsewhere",
+                "the compiler made it (an edge of an input, or the memory of a diagram), and others keep it elsewhere",
                 hints::MADE,
             ));
         }

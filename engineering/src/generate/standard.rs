@@ -12,6 +12,8 @@ use std::fmt::Write as _;
 pub const MC_TIME: &str = "FAM_mcTime";
 /// How the library asks for it.
 const INTRINSIC: &str = "__MC_TIME()";
+/// The function that charts ask, which they are written out with.
+const TIME: &str = fam_soft_plc::plain::TIME;
 /// For test programs only.
 const NOT_FOR_PLANTS: &str = "ASSERT";
 
@@ -41,39 +43,49 @@ pub fn standard(mcs: &[BuiltMc]) -> String {
             "PROGRAM {name}_Cycle\nVAR_EXTERNAL\n    {MC_TIME} : TIME;\n    {time} : TIME;\nEND_VAR\n{time} := {time} + {cycle};\n{MC_TIME} := {time};\n{name}_Control();\nEND_PROGRAM\n\n"
         );
     }
-    for block in blocks() {
+    let asks = |mc: &BuiltMc| mc.sources.iter().any(|s| s.text.contains(TIME));
+    let time = time().filter(|_| mcs.iter().any(asks));
+    for block in blocks().into_iter().chain(time) {
         text.push_str(&block);
         text.push('\n');
     }
     text
 }
 
+/// The function that tells charts the time.
+fn time() -> Option<String> {
+    let functions = units("\nFUNCTION ", "END_FUNCTION\n");
+    functions.into_iter().find(|f| name(f) == TIME)
+}
+
 /// The library's function blocks, as far as they can be written without what only FAM's compiler knows.
 #[must_use]
 pub fn blocks() -> Vec<String> {
-    const END: &str = "END_FUNCTION_BLOCK\n";
-    let mut blocks = Vec::new();
+    let mut blocks = units("\nFUNCTION_BLOCK ", "END_FUNCTION_BLOCK\n");
+    blocks.retain(|b| !b.contains("__") && name(b) != NOT_FOR_PLANTS);
+    blocks
+}
+
+/// The library's POUs between such words, with the MC's time as others have it.
+fn units(opening: &str, closing: &str) -> Vec<String> {
+    let mut list = Vec::new();
     let mut rest = STANDARD_LIBRARY;
-    while let Some(from) = rest.find("\nFUNCTION_BLOCK ") {
-        let Some(len) = rest[from..].find(END) else {
+    while let Some(from) = rest.find(opening) {
+        let Some(len) = rest[from..].find(closing) else {
             break;
         };
-        let text = &rest[from + 1..from + len + END.len()];
+        let text = &rest[from + 1..from + len + closing.len()];
         rest = &rest[from + len..];
-        let name = name(text);
         let mut plain = text.to_owned();
-        if text.contains(INTRINSIC) {
-            let head = format!("FUNCTION_BLOCK {name}\n");
-            let external = format!("{head}VAR_EXTERNAL {MC_TIME} : TIME; END_VAR\n");
-            plain = plain
-                .replacen(&head, &external, 1)
+        if text.contains(INTRINSIC)
+            && let Some((head, body)) = text.split_once('\n')
+        {
+            plain = format!("{head}\nVAR_EXTERNAL {MC_TIME} : TIME; END_VAR\n{body}")
                 .replace(INTRINSIC, MC_TIME);
         }
-        if !plain.contains("__") && name != NOT_FOR_PLANTS {
-            blocks.push(plain);
-        }
+        list.push(plain);
     }
-    blocks
+    list
 }
 
 fn name(block: &str) -> &str {

@@ -2,6 +2,7 @@
 
 use fam_soft_plc::source::Sources;
 use fam_soft_plc::syntax::ast::{Ident, Pou, Project};
+use std::ops::Range;
 
 /// Text between the last END_VAR of the POU (or its head) and its end.
 #[must_use]
@@ -19,10 +20,15 @@ pub fn body_text(project: &Project, pou: &Pou) -> String {
         return String::new();
     };
     let text = &sources.get(head.source).text;
-    if text.trim_start().starts_with('<') {
-        return of_element(element_text(text, first.start as usize)).to_owned();
-    }
     let (mut start, mut end) = (head.end as usize, text.len());
+    if text.trim_start().starts_with('<') {
+        // In an XML file it is the body alone, or the whole POU in a section of its own.
+        match section(text, start) {
+            Some(section) => end = section.end,
+            None => return of_element(element_text(text, first.start as usize)).to_owned(),
+        }
+    }
+    let text = &text[..end];
     for (at, word) in words(text, start) {
         let upper = word.to_ascii_uppercase();
         if upper == "END_VAR" && at < first.start as usize {
@@ -52,14 +58,12 @@ pub fn whole_text<'a>(
     let text = project.sources.get(name.span.source).text.as_str();
     let at = name.span.start as usize;
     // In an XML file it stands in a section of its own.
-    let (from, to) = if text.trim_start().starts_with('<') {
-        const SECTION: &str = "<![CDATA[";
-        let from = text.get(..at)?.rfind(SECTION)? + SECTION.len();
-        (from, at + text[at..].find("]]>")?)
+    let Range { start: from, end } = if text.trim_start().starts_with('<') {
+        section(text, at)?
     } else {
-        (0, text.len())
+        0..text.len()
     };
-    let part = text.get(from..to)?;
+    let part = text.get(from..end)?;
     let mut start = None;
     for (offset, word) in words(part, 0) {
         if from + offset < at {
@@ -71,6 +75,16 @@ pub fn whole_text<'a>(
         }
     }
     None
+}
+
+/// What stands in the CDATA section around a byte of an XML file.
+fn section(text: &str, at: usize) -> Option<Range<usize>> {
+    const OPENING: &str = "<![CDATA[";
+    const CLOSING: &str = "]]>";
+    let from = text.get(..at)?.rfind(OPENING)? + OPENING.len();
+    let before = text.get(from..at)?;
+    let to = at + text[at..].find(CLOSING)?;
+    (!before.contains(CLOSING)).then_some(from..to)
 }
 
 /// The whole `<pou>` element of a POU whose body is a diagram, a chart or a list: what has no ST text is kept as it was drawn.

@@ -3,6 +3,7 @@
 mod bad;
 #[path = "../common/mod.rs"]
 mod common;
+mod libraries;
 mod links;
 
 use common::two_stations;
@@ -142,6 +143,21 @@ fn files_below(dir: &Path) -> Vec<PathBuf> {
 #[test]
 fn the_two_stations_are_the_same_in_each_form() {
     there_and_back(&two_stations());
+}
+
+#[test]
+fn the_fms200_cell_is_the_same_in_each_form() {
+    there_and_back(&project("deploy/fms200/cell.toml"));
+}
+
+#[test]
+fn the_marking_machine_is_the_same_in_each_form() {
+    there_and_back(&project("deploy/marking-machine/cell.toml"));
+}
+
+#[test]
+fn a_cell_with_every_type_is_the_same_in_each_form() {
+    there_and_back(&project("engineering/tests/cells/types/cell.toml"));
 }
 
 #[test]

@@ -75,7 +75,7 @@ pub fn hold(cases: &[Case]) {
 }
 
 /// The specification that the MC was compiled with, from its layout.
-fn spec(mc: &BuiltMc) -> CompileSpec {
+pub fn spec(mc: &BuiltMc) -> CompileSpec {
     let names = Names::of(mc.mc.as_str());
     let layout = &mc.compiled.layout;
     let roots = |region: &str| {

@@ -222,8 +222,15 @@ impl Reader<'_> {
             .find(|n| n.has_tag_name((WHOLE_TEXT_NAMESPACE, "st")));
         if let Some(whole) = whole {
             let part = self.text_part(whole);
+            let known = project.pous.len();
             let problems = parse_declarations(part.source, &part.text, part.base, project);
             self.problems.extend(problems);
+            let read = &mut project.pous[known..];
+            if read.iter().any(|p| p.chart.is_some()) {
+                let range = node.range();
+                let element = Span::new(self.source, range.start, range.end);
+                read.iter_mut().for_each(|p| p.chart = Some(element));
+            }
             return;
         }
         let kind = match node.attribute("pouType") {
@@ -247,6 +254,7 @@ impl Reader<'_> {
             vars: Vec::new(),
             body: Vec::new(),
             class: crate::syntax::ast::Class::default(),
+            chart: None,
         };
         if let Some(interface) = element(node, "interface") {
             self.interface(interface, &mut pou);
@@ -281,6 +289,8 @@ impl Reader<'_> {
         let language = self.language_of(body);
         if let Some(chart) = language.filter(|l| l.tag_name().name() == "SFC") {
             self.chart(chart, pou_node, pou);
+            let range = pou_node.range();
+            pou.chart = Some(Span::new(self.source, range.start, range.end));
             return;
         }
         // Actions outside of a chart are called by their name.
@@ -298,6 +308,7 @@ impl Reader<'_> {
                     vars: Vec::new(),
                     body: Vec::new(),
                     class: crate::syntax::ast::Class::default(),
+                    chart: None,
                 };
                 let mut holder = method.clone();
                 method.body = self.statements_of(inner, &mut holder);

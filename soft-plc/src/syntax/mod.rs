@@ -12,4 +12,5 @@ mod parse_sfc;
 mod parse_stmt;
 mod parse_types;
 pub mod parser;
+pub mod print;
 pub mod sfc;

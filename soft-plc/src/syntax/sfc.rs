@@ -14,7 +14,7 @@ use crate::syntax::ast::{
 use crate::syntax::build::{At, block};
 
 /// Name of the library's type of a step.
-const STEP_TYPE: &str = "__SFC_STEP";
+pub const STEP_TYPE: &str = "__SFC_STEP";
 
 #[derive(Clone, Debug, Default)]
 pub struct Sfc {

@@ -47,6 +47,16 @@ enum Condition {
     Time(usize, i64),
 }
 
+impl Condition {
+    fn text(&self) -> String {
+        match self {
+            Condition::Input(x, true) => format!("x{x}"),
+            Condition::Input(x, false) => format!("NOT x{x}"),
+            Condition::Time(step, ms) => format!("S{step}.T >= T#{ms}ms"),
+        }
+    }
+}
+
 #[derive(Clone, Debug)]
 struct Transition {
     from: Vec<usize>,
@@ -187,11 +197,7 @@ impl Chart {
             let priority = t
                 .priority
                 .map_or(String::new(), |p| format!(" (PRIORITY := {p})"));
-            let condition = match t.condition {
-                Condition::Input(x, true) => format!("x{x}"),
-                Condition::Input(x, false) => format!("NOT x{x}"),
-                Condition::Time(step, ms) => format!("S{step}.T >= T#{ms}ms"),
-            };
+            let condition = t.condition.text();
             inner.push(Piece::line(format!(
                 "TRANSITION{priority} FROM {} TO {} := {condition}; END_TRANSITION",
                 names(&t.from),
@@ -204,6 +210,96 @@ impl Chart {
             )));
         }
         Piece::block(format!("PROGRAM {name}"), inner, "END_PROGRAM")
+    }
+}
+
+/// Random charts for tests of other readers and writers of charts.
+pub struct Sample {
+    pub name: String,
+    /// A PROGRAM, with the inputs `x0` to `x3`.
+    pub text: String,
+    /// The same as a `<pou>` element of PLCopen XML.
+    pub drawn: String,
+}
+
+/// So many charts from a seed; `C0`, `C1` and so on behind `prefix` are their names.
+pub fn samples(seed: u64, count: usize, prefix: &str) -> Vec<Sample> {
+    let mut random = Random::new(seed ^ 0x5a3b);
+    let of = |number| {
+        let chart = Chart::random(&mut random);
+        let name = format!("{prefix}C{number}");
+        Sample {
+            text: chart.text(&name).render(),
+            drawn: chart.drawn(&name),
+            name,
+        }
+    };
+    (0..count).map(of).collect()
+}
+
+/// `<connectionPointIn>` with a connection to each element.
+fn connected(ids: impl Iterator<Item = usize>) -> String {
+    let list: String = ids
+        .map(|id| format!("<connection refLocalId=\"{id}\"/>"))
+        .collect();
+    format!("<connectionPointIn>{list}</connectionPointIn>")
+}
+
+impl Chart {
+    fn drawn(&self, name: &str) -> String {
+        let transition_id = |number: usize| 100 + number;
+        let mut body = String::new();
+        for step in 0..self.steps {
+            let leading = self.transitions.iter().enumerate();
+            let leading = leading.filter(|(_, t)| t.to.contains(&step));
+            let leading = connected(leading.map(|(n, _)| transition_id(n)));
+            let initial = step == 0;
+            body += &format!(
+                "<step localId=\"{step}\" name=\"S{step}\" initialStep=\"{initial}\">{leading}</step>\n"
+            );
+            let own: String = self
+                .associations
+                .iter()
+                .filter(|a| a.step == step)
+                .map(|a| {
+                    format!(
+                        "<action localId=\"0\" qualifier=\"{:?}\" duration=\"T#{}ms\"><reference name=\"{}\"/></action>",
+                        a.qualifier,
+                        a.time_ms,
+                        self.action_name(a.action)
+                    )
+                })
+                .collect();
+            if !own.is_empty() {
+                let id = 200 + step;
+                let at = connected([step].into_iter());
+                body += &format!("<actionBlock localId=\"{id}\">{at}{own}</actionBlock>\n");
+            }
+        }
+        for (number, t) in self.transitions.iter().enumerate() {
+            let condition = t.condition.text().replace('<', "&lt;").replace('>', "&gt;");
+            let priority = t
+                .priority
+                .map_or(String::new(), |p| format!(" priority=\"{p}\""));
+            let from = connected(t.from.iter().copied());
+            body += &format!(
+                "<transition localId=\"{}\"{priority}>{from}<condition><inline name=\"\"><ST><xhtml:p>{condition}</xhtml:p></ST></inline></condition></transition>\n",
+                transition_id(number)
+            );
+        }
+        let variables = |ty: &str, names: &[&str]| -> String {
+            let of = |n: &&str| format!("<variable name=\"{n}\"><type><{ty}/></type></variable>");
+            names.iter().map(of).collect()
+        };
+        let actions: String = (self.variables..self.actions)
+            .map(|a| format!("<action name=\"act{a}\"><body><ST><xhtml:p>c{a} := c{a} + 1;</xhtml:p></ST></body></action>"))
+            .collect();
+        format!(
+            "<pou name=\"{name}\" pouType=\"program\"><interface><inputVars>{}</inputVars><localVars>{}{}</localVars></interface><actions>{actions}</actions><body><SFC>\n{body}</SFC></body></pou>\n",
+            variables("BOOL", &["x0", "x1", "x2", "x3"]),
+            variables("BOOL", &["v0", "v1", "v2"]),
+            variables("DINT", &["c3", "c4"]),
+        )
     }
 }
 
