@@ -241,7 +241,12 @@ impl Checker<'_> {
         };
         let settled = self.settle(value.clone());
         let ty = match settled.ty {
-            TypeId::VOID | TypeId::ERROR => return None,
+            TypeId::VOID => return None,
+            // What is wrong has been said: readers of the value have nothing to add.
+            TypeId::ERROR => {
+                self.vars[id.0 as usize].ty = TypeId::ERROR;
+                return None;
+            }
             ty => ty,
         };
         if matches!(

@@ -408,6 +408,19 @@ fn drawn_charts_run_with_conditions_in_any_language() {
 }
 
 #[test]
+fn one_mistake_is_told_once() {
+    let body = [
+        input(1, "nowhere"),
+        block(2, "ADD", "", &["IN1=1", "IN2=1"], &["OUT"]),
+        block(3, "ADD", "", &["IN1=2.OUT", "IN2=2.OUT"], &["OUT"]),
+        output(4, "r", &["3.OUT"]),
+    ];
+    let text = project(&["r:INT"], &format!("<FBD>{}</FBD>", body.concat()), "");
+    let failed = compile(&text).expect_err("`nowhere` is not declared");
+    assert_eq!(failed.matches("error[").count(), 1, "{failed}");
+}
+
+#[test]
 fn what_a_diagram_lacks_is_an_error_with_its_line() {
     for (body, code) in [
         (output(1, "r", &["7"]), "E610"),
