@@ -262,6 +262,18 @@ fn apply(a: &mut McAgent, event: &str) {
             order(8, OrderKind::CancelRelease { epoch: E }),
             soon,
         ),
+        "cancel 4" => a.order(
+            MANAGER,
+            order(8, OrderKind::CancelRelease { epoch: Epoch(4) }),
+            soon,
+        ),
+        "force 5" | "force 6" => {
+            let mut forced = activate(8, if event == "force 5" { 5 } else { 6 }, None);
+            if let OrderKind::Activate { force, .. } = &mut forced.kind {
+                *force = true;
+            }
+            a.order(MANAGER, forced, soon);
+        }
         "stop 5" => a.order(MANAGER, order(8, OrderKind::Stop { epoch: E }), soon),
         "opened 5" => a.gateway_message(grant(10, Phase::Running, true), soon),
         "refused 5" => a.gateway_message(refusal(OpenRefusal::StaleEpoch), soon),
@@ -367,6 +379,9 @@ activate 6      | opening open | opening open | active <not opened #8> | releasi
 release 5       | passive <cancelled #8> | opening <cancelled #8> | releasing RELEASE | releasing RELEASE | releasing RELEASE | stopped <cancelled #8> | faulted <cancelled #8>
 release 4       | passive <cancelled #8> | opening <cancelled #8> | active <cancelled #8> | active <cancelled #8> | recovering <cancelled #8> | stopped <cancelled #8> | faulted <cancelled #8>
 cancel 5        | passive <changed #8> | passive <not opened #1> | active <changed #8> | releasing CANCEL | recovering <changed #8> | stopped <changed #8> | faulted <changed #8>
+cancel 4        | passive <changed #8> | opening <changed #8> | active <changed #8> | releasing <cancelled #8> | recovering <changed #8> | stopped <changed #8> | faulted <changed #8>
+force 5         | opening open | opening <not opened #8> | active <not opened #8> | releasing <not opened #8> | recovering <not opened #8> | opening open | opening open
+force 6         | opening open | opening open | opening OFF open | opening OFF open | opening OFF open | opening open | opening open
 stop 5          | passive <changed #8> | passive <not opened #8> | recovering ACTION 9 <changed> | recovering ACTION 9 <changed> | recovering ACTION 9 <changed> | stopped <stopped #8> | faulted <changed #8>
 opened 5        | = | opening RUN 0 given | = | = | = | = | =
 refused 5       | = | passive <not opened #1> | = | = | = | = | =
@@ -430,5 +445,13 @@ fn every_state_answers_every_event() {
         }
         assert_eq!(cells.next(), None, "{event}");
     }
-    assert_eq!(events, 31);
+    assert_eq!(events, 34);
+}
+
+#[test]
+fn what_would_be_lost_with_the_node_is_busy() {
+    let busy = ["opening", "active", "releasing", "recovering"];
+    for name in STATES {
+        assert_eq!(in_state(name).is_busy(), busy.contains(&name), "{name}");
+    }
 }

@@ -46,7 +46,7 @@ pub(super) fn search(problem: &Problem) -> Vec<Option<u32>> {
 }
 
 /// A plan from scratch has to be better by more than the tolerance: it moves more.
-fn better(problem: &Problem, fresh: &Worth, kept: &Worth) -> bool {
+pub(super) fn better(problem: &Problem, fresh: &Worth, kept: &Worth) -> bool {
     let rank = |w: &Worth| (w.left_out.clone(), w.evicted);
     rank(fresh) < rank(kept)
         || (rank(fresh) == rank(kept) && fresh.peak_ppm + problem.tolerance_ppm < kept.peak_ppm)

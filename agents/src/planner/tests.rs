@@ -273,6 +273,51 @@ fn a_quality_of_service_decides_among_equal_peaks() {
 }
 
 #[test]
+fn of_two_equal_plans_the_one_that_moves_less_state_wins() {
+    // 0 and 1 run side by side; one of them has to make room for the third, which can run nowhere else.
+    for heavier in [0, 1] {
+        let mut mcs = vec![
+            mc(400_000, &[0, 1], Some(0)),
+            mc(400_000, &[0, 1], Some(0)),
+            mc(400_000, &[0], None),
+            mc(400_000, &[1], Some(1)),
+        ];
+        mcs[heavier].state_bytes = 100_000;
+        let found = plan(&problem(
+            &[controller(1_000, 1_000), controller(1_000, 1_000)],
+            &mcs,
+        ));
+        assert_eq!(found.moves, [1 - heavier]);
+    }
+}
+
+#[test]
+fn a_plan_from_scratch_has_to_be_better_by_more_than_the_tolerance() {
+    let mut p = problem(&[controller(1_000, 1_000)], &[]);
+    p.tolerance_ppm = 10_000;
+    let kept = worth(&p, &classes(&p), &[]);
+    let worth_of = |peak_ppm, evicted| Worth {
+        peak_ppm,
+        evicted,
+        ..kept.clone()
+    };
+    let kept = worth_of(500_000, 1);
+    for (peak_ppm, evicted, is_better) in [
+        (489_999, 1, true),
+        (490_000, 1, false),
+        (400_000, 2, false),
+        (900_000, 0, true),
+    ] {
+        let fresh = worth_of(peak_ppm, evicted);
+        assert_eq!(
+            super::heuristic::better(&p, &fresh, &kept),
+            is_better,
+            "{peak_ppm} {evicted}"
+        );
+    }
+}
+
+#[test]
 fn an_empty_cell_has_an_empty_plan() {
     let found = plan(&problem(&[], &[]));
     assert_eq!((found.assignment.len(), found.peak_ppm), (0, 0));
