@@ -2,8 +2,9 @@
 
 mod common;
 use common::*;
+use fam_gateway_core::GatewayLocal;
 use fam_gateway_core::{RecordWrite, Rejection};
-use fam_proto::agent::Input;
+use fam_proto::agent::{Agent, Input, Output};
 use fam_proto::*;
 
 fn trap() -> TrapInfo {
@@ -441,4 +442,77 @@ fn a_new_layout_begins_where_the_old_one_was_released() {
             "{driven}"
         );
     }
+}
+
+fn asked(open: &Open) -> Input<GatewayLocal> {
+    Input::Message(Envelope {
+        from: AgentId::Component(open.owner.controller.clone(), open.mc.clone()),
+        boot: open.owner.boot,
+        to: AgentId::Gateway(gateway_id()),
+        body: Message::Open(open.clone()),
+    })
+}
+
+/// A slow disk may answer in another order than it was asked, and what comes meanwhile for an MC has to wait.
+#[test]
+fn each_answer_of_the_disk_belongs_to_its_own_write() {
+    let mut bench = Bench::new();
+    let opens = [mc_id(), importer_id()].map(|mc| Open { mc, ..ask(1, 5) });
+    for open in &opens {
+        bench.gateway.handle(asked(open), bench.now);
+    }
+    let mut tickets = Vec::new();
+    while let Some(output) = bench.gateway.poll_output() {
+        match output {
+            Output::Persist { ticket, .. } => tickets.push(ticket),
+            other => panic!("{other:?} before the answer of the disk"),
+        }
+    }
+    assert_eq!(tickets.len(), 2);
+    let other = Open {
+        force: true,
+        ..ask(2, 6)
+    };
+    bench.gateway.handle(asked(&other), bench.now);
+    assert_eq!(
+        bench.gateway.poll_output(),
+        None,
+        "its record is being written"
+    );
+    for (ticket, open) in tickets.into_iter().zip(&opens).rev() {
+        let answer = Input::Persisted {
+            ticket,
+            result: Ok(()),
+        };
+        bench.gateway.handle(answer, bench.now);
+        let mut opened = Vec::new();
+        while let Some(output) = bench.gateway.poll_output() {
+            if let Output::Send(Envelope {
+                body: Message::Opened(opening),
+                ..
+            }) = output
+            {
+                opened.push(opening.mc);
+            }
+        }
+        assert_eq!(opened, [open.mc.clone()]);
+    }
+}
+
+/// An epoch that nobody can have given out, from a damaged word, would lock everybody else out.
+#[test]
+fn an_epoch_far_ahead_is_refused() {
+    let mut bench = Bench::new();
+    bench.opened(ask(1, 5));
+    bench.token(1, false);
+    bench.pass(3 * TICK_US + 1);
+    let far = 5 + fam_gateway_core::opening::EPOCHS_AHEAD_MAX;
+    for ahead in [1, 2] {
+        let answer = bench.open(ask(2, far + ahead));
+        assert!(
+            matches!(&answer, Message::OpenRefused(r) if r.why == OpenRefusal::StaleEpoch),
+            "{answer:?}"
+        );
+    }
+    bench.opened(ask(2, far));
 }
