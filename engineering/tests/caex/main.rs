@@ -5,6 +5,7 @@ mod bad;
 mod common;
 mod libraries;
 mod links;
+mod round_trip;
 
 use common::two_stations;
 use fam_engineering::caex::container;
