@@ -112,6 +112,13 @@ fn every_encoding_and_line_end_is_read() {
     );
 }
 
+/// Name, file, what stands there and what stands there instead.
+type Variant = (
+    &'static str,
+    &'static str,
+    &'static [(&'static str, &'static str)],
+);
+
 /// Version 3.0 under a prefix.
 fn prefixed() -> Files {
     let [(path, bytes), own, logic] = files();
@@ -135,12 +142,12 @@ fn prefixed() -> Files {
 #[test]
 fn every_spelling_means_the_same_cell() {
     same("prefixed namespace", &prefixed());
-    let second = "</InstanceHierarchy>\n  <InstanceHierarchy Name=\"more\">\n    <InternalElement Name=\"wires\"";
-    let table: [(&str, &str, &[(&str, &str)]); 9] = [
+    const SECOND: &str = "</InstanceHierarchy>\n  <InstanceHierarchy Name=\"more\">\n    <InternalElement Name=\"wires\"";
+    let table: [Variant; 9] = [
         (
             "several hierarchies",
             "old.aml",
-            &[("<InternalElement Name=\"wires\"", second)],
+            &[("<InternalElement Name=\"wires\"", SECOND)],
         ),
         (
             "headers of tools",
