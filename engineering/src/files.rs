@@ -36,7 +36,7 @@ pub enum FileError {
         max_mb: u64,
     },
     /// Not a text.
-    #[error("`{0}` is no text in UTF-8")]
+    #[error("`{0}` is no text in UTF-8 or UTF-16")]
     NotText(String),
 }
 
@@ -170,12 +170,7 @@ impl ModelFiles {
         if let Some(made) = self.made.get(path) {
             return Ok(made.clone());
         }
-        let bytes = self.bytes(path)?;
-        let mut text = String::from_utf8(bytes).map_err(|_| FileError::NotText(path.to_owned()))?;
-        if text.starts_with('\u{feff}') {
-            text.drain(..'\u{feff}'.len_utf8());
-        }
-        Ok(text)
+        decoded(self.bytes(path)?).ok_or_else(|| FileError::NotText(path.to_owned()))
     }
 
     fn bytes(&self, path: &str) -> Result<Vec<u8>, FileError> {
@@ -209,6 +204,51 @@ impl ModelFiles {
             }
         }
     }
+}
+
+/// The text of a file, without a byte order mark: UTF-8, UTF-16 with a mark or an XML file's `<` at its begin, or the
+/// one-byte code that an XML declaration names.
+#[must_use]
+pub fn decoded(bytes: Vec<u8>) -> Option<String> {
+    let utf16 = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
+        let units = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
+        let whole = bytes.len().is_multiple_of(2);
+        let text: Result<String, _> = char::decode_utf16(units).collect();
+        text.ok().filter(|_| whole)
+    };
+    match bytes.as_slice() {
+        [0xff, 0xfe, rest @ ..] => return utf16(rest, u16::from_le_bytes),
+        [0xfe, 0xff, rest @ ..] => return utf16(rest, u16::from_be_bytes),
+        [b'<', 0, ..] => return utf16(&bytes, u16::from_le_bytes),
+        [0, b'<', ..] => return utf16(&bytes, u16::from_be_bytes),
+        _ => {}
+    }
+    match String::from_utf8(bytes) {
+        Ok(mut text) => {
+            if text.starts_with('\u{feff}') {
+                text.drain(..'\u{feff}'.len_utf8());
+            }
+            Some(text)
+        }
+        Err(e) => one_byte(e.as_bytes()),
+    }
+}
+
+/// ISO 8859-1, and what Windows puts into its gap, if the XML declaration says so.
+fn one_byte(bytes: &[u8]) -> Option<String> {
+    const DECLARATION_MAX: usize = 200;
+    const GAP: &str = "€\u{81}‚ƒ„…†‡ˆ‰Š‹Œ\u{8d}Ž\u{8f}\u{90}‘’“”•–—˜™š›œ\u{9d}žŸ";
+    let head = bytes.get(..bytes.len().min(DECLARATION_MAX))?;
+    let head = String::from_utf8_lossy(head).to_ascii_lowercase();
+    let declaration = head.strip_prefix("<?xml")?.split_once("?>")?.0.to_owned();
+    let known = ["iso-8859-1", "latin1", "windows-1252", "us-ascii"];
+    known.iter().find(|name| declaration.contains(**name))?;
+    let gap: Vec<char> = GAP.chars().collect();
+    let char_of = |byte: &u8| match byte {
+        0x80..=0x9f => gap[usize::from(byte - 0x80)],
+        byte => char::from(*byte),
+    };
+    Some(bytes.iter().map(char_of).collect())
 }
 
 /// Reads a file that is not larger than [`FILE_BYTES_MAX`].

@@ -8,6 +8,8 @@ use std::collections::BTreeSet;
 
 /// Longest chain of base classes.
 const CHAIN_MAX: usize = 64;
+/// Base of all references to logic, wherever its library stands.
+const LOGIC_CLASS: &str = "ExternalDataConnector/PLCopenXMLInterface";
 
 /// Why a path leads to no class. Both tell what there is instead.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -189,6 +191,17 @@ impl Caex {
             Some(base) => self.ancestry(id, &base.text),
             None => Vec::new(),
         }
+    }
+
+    /// Whether an interface refers to PLC logic: of the standard's class, or of one below it whose library may not be at hand.
+    #[must_use]
+    pub fn is_logic(&self, interface: ObjectId) -> bool {
+        let classes = self.interface_classes(interface);
+        let is_one = |class: &String| {
+            let below = class.split_once(LOGIC_CLASS).map(|(_, rest)| rest);
+            below.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+        };
+        classes.iter().any(is_one)
     }
 
     /// Reports references to classes that do not exist, and inheritance that goes round in a circle.

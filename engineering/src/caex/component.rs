@@ -13,9 +13,6 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use toml::Spanned;
 
-/// Base of all references to logic, wherever its library stands.
-const LOGIC_CLASS: &str = "ExternalDataConnector/PLCopenXMLInterface";
-
 /// A reference to logic.
 struct LogicReference {
     file: Spanned<String>,
@@ -135,10 +132,7 @@ impl Reader<'_> {
     }
 
     fn is_logic(&self, interface: &Part) -> bool {
-        self.caex()
-            .interface_classes(interface.id)
-            .iter()
-            .any(|c| c.ends_with(LOGIC_CLASS))
+        self.caex().is_logic(interface.id)
     }
 
     fn twice<T>(&mut self, mc: &str, seen: &BTreeMap<Spanned<String>, T>, name: &Spanned<String>) {

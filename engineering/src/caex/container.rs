@@ -27,6 +27,9 @@ pub enum ContainerError {
     /// A part that would leave the container.
     #[error("the container has a part outside of it: {0}")]
     Outside(String),
+    /// Two parts that a reference could mean alike.
+    #[error("the container has two parts of one path: `{0}`")]
+    Twice(String),
     /// No root document.
     #[error("the container does not say which of its parts is the model: {0}")]
     NoRoot(String),
@@ -41,7 +44,9 @@ pub fn open(bytes: &[u8]) -> Result<(ModelFiles, String), ContainerError> {
     for (name, content) in unpack(bytes, LIMITS)? {
         let path = join("", &name.replace('\\', "/"))
             .map_err(|e| ContainerError::Outside(e.to_string()))?;
-        parts.insert(path, content);
+        if parts.insert(path, content).is_some() {
+            return Err(ContainerError::Twice(name));
+        }
     }
     let files = ModelFiles::parts(parts);
     let root = root_document(&files)?;

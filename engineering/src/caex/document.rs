@@ -140,6 +140,8 @@ pub struct Attribute {
     pub data_type: Option<String>,
     /// `Unit`.
     pub unit: Option<Text>,
+    /// Path of its AttributeType.
+    pub base: Option<Text>,
     /// Nested ones.
     pub attributes: Vec<Attribute>,
 }
@@ -165,8 +167,10 @@ pub struct Object {
     pub base: Option<Text>,
     /// Paths of RoleRequirements and SupportedRoleClass.
     pub roles: Vec<Text>,
-    /// Attributes; those of RoleRequirements follow its own.
+    /// Attributes; those of RoleRequirements follow its own. Of an AttributeType first itself, as the attribute that it makes.
     pub attributes: Vec<Attribute>,
+    /// What attributes of its roles are called here: the role's name, and the own one.
+    pub mappings: Vec<(String, String)>,
     /// Description.
     pub description: String,
     /// Sides of an InternalLink.
@@ -437,9 +441,14 @@ impl Reader<'_> {
             base,
             roles: Vec::new(),
             attributes: Vec::new(),
+            mappings: Vec::new(),
             description: String::new(),
             sides,
         });
+        if kind == Kind::AttributeType {
+            let itself = self.attribute(node, depth);
+            self.objects[id].attributes.extend(itself);
+        }
         if depth > DEPTH_MAX {
             self.too_deep(node);
             return id;
@@ -472,6 +481,7 @@ impl Reader<'_> {
             return self.unknown(node, inside, kind.content());
         }
         match name {
+            "Attribute" if kind == Kind::AttributeType => {}
             "Attribute" => {
                 if let Some(attribute) = self.attribute(node, depth + 1) {
                     self.objects[id].attributes.push(attribute);
@@ -480,6 +490,9 @@ impl Reader<'_> {
             "SupportedRoleClass" => {
                 let role = self.required(node, "RefRoleClassPath");
                 self.objects[id].roles.push(role);
+                for mapping in node.children().filter(Node::is_element) {
+                    self.mapping(id, mapping);
+                }
             }
             "RoleRequirements" => {
                 // Optional in 2.15, where an element may require attributes without a role.
@@ -499,7 +512,7 @@ impl Reader<'_> {
                                 self.object(inner, Kind::ExternalInterface, Some(id), depth + 1);
                             self.objects[id].children.push(child);
                         }
-                        "MappingObject" => {}
+                        "MappingObject" => self.mapping(id, inner),
                         other if HEADER.contains(&other) => {}
                         _ => self.unknown(
                             inner,
@@ -509,7 +522,9 @@ impl Reader<'_> {
                     }
                 }
             }
-            "MappingObject" | "RefSemantic" | "Constraint" | "Value" | "DefaultValue" => {}
+            "MappingObject" => self.mapping(id, node),
+            // Of an AttributeType: read with it.
+            "RefSemantic" | "Constraint" | "Value" | "DefaultValue" => {}
             _ => {
                 let Some(child_kind) = Kind::of(name) else {
                     return;
@@ -517,6 +532,18 @@ impl Reader<'_> {
                 let child = self.object(node, child_kind, Some(id), depth + 1);
                 self.objects[id].children.push(child);
             }
+        }
+    }
+
+    /// `<MappingObject>`: names of attributes. Interfaces are known by their classes, whatever they are called.
+    fn mapping(&mut self, id: ObjectId, node: Node<'_, '_>) {
+        for pair in node.children().filter(Node::is_element) {
+            if pair.tag_name().name() != "AttributeNameMapping" {
+                continue;
+            }
+            let role = self.required(pair, "RoleAttributeName").text;
+            let own = self.required(pair, "SystemUnitAttributeName").text;
+            self.objects[id].mappings.push((role, own));
         }
     }
 
@@ -531,6 +558,9 @@ impl Reader<'_> {
             default: None,
             data_type: node.attribute("AttributeDataType").map(str::to_owned),
             unit: self.attribute_text(node, "Unit"),
+            base: self
+                .attribute_text(node, "RefAttributeType")
+                .filter(|b| !b.text.is_empty()),
             attributes: Vec::new(),
         };
         for child in node.children().filter(Node::is_element) {
@@ -540,7 +570,7 @@ impl Reader<'_> {
                 "Attribute" => attribute
                     .attributes
                     .extend(self.attribute(child, depth + 1)),
-                "RefSemantic" | "Constraint" => {}
+                "RefSemantic" | "Constraint" | "AttributeType" => {}
                 name if HEADER.contains(&name) => {}
                 _ => self.unknown(
                     child,

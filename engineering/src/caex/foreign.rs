@@ -19,8 +19,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use toml::Spanned;
 
-const LOGIC_CLASS: &str = "ExternalDataConnector/PLCopenXMLInterface";
-
 /// A file with logic: where the model refers to it, and the PROGRAM that a reference names.
 struct Reference {
     at: Range<usize>,
@@ -173,10 +171,7 @@ fn references(
     let mut found: BTreeMap<String, Reference> = BTreeMap::new();
     for element in all.iter().filter(|e| !caex.is_mirror(e.id)) {
         for interface in caex.interfaces(element) {
-            let is_logic = caex
-                .interface_classes(interface.id)
-                .iter()
-                .any(|c| c.ends_with(LOGIC_CLASS));
+            let is_logic = caex.is_logic(interface.id);
             // Tags are variables without logic of their own.
             let is_variable = caex
                 .interface_classes(interface.id)

@@ -5,6 +5,9 @@ use super::library::{Caex, Part};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
+/// Longest chain of attribute types.
+const TYPES_MAX: usize = 64;
+
 /// An attribute as an object has it.
 #[derive(Debug, Clone)]
 pub struct Found {
@@ -21,12 +24,13 @@ impl Caex {
     #[must_use]
     pub fn attribute(&self, part: &Part, name: &str) -> Option<Found> {
         let mut own: Option<Found> = None;
-        for holder in self.holders(part.id) {
-            let mut attributes = self.objects[holder].attributes.iter();
-            let Some(attribute) = attributes.find(|a| a.name.text == name) else {
+        let holders = self.holders(part.id);
+        let names = self.names(&holders, name);
+        for holder in holders {
+            let Some(attribute) = self.own_attribute(holder, &names) else {
                 continue;
             };
-            let attribute = self.placed(holder, attribute.clone(), part);
+            let attribute = self.placed(holder, attribute, part);
             let found = |attribute: Attribute, value: Text| Found {
                 attribute,
                 value,
@@ -61,36 +65,63 @@ impl Caex {
     /// Nested attributes of the nearest attribute of that name which has any.
     #[must_use]
     pub fn nested(&self, part: &Part, name: &str) -> Vec<Attribute> {
-        for holder in self.holders(part.id) {
-            let mut attributes = self.objects[holder].attributes.iter();
-            let named = attributes.find(|a| a.name.text == name && !a.attributes.is_empty());
-            if let Some(attribute) = named {
-                return self.placed(holder, attribute.clone(), part).attributes;
+        let holders = self.holders(part.id);
+        let names = self.names(&holders, name);
+        for holder in holders {
+            let named = self.own_attribute(holder, &names);
+            if let Some(attribute) = named.filter(|a| !a.attributes.is_empty()) {
+                return self.placed(holder, attribute, part).attributes;
             }
         }
         Vec::new()
     }
 
+    /// What an attribute of a role is called: by that name, or by the ones that the holders have for it.
+    fn names<'a>(&'a self, holders: &[ObjectId], name: &'a str) -> Vec<&'a str> {
+        let mappings = holders.iter().flat_map(|h| &self.objects[*h].mappings);
+        let mapped = mappings.filter(|(role, _)| role == name);
+        std::iter::once(name)
+            .chain(mapped.map(|(_, own)| own.as_str()))
+            .collect()
+    }
+
+    /// An attribute that stands in an object, under the first of these names that it has, with what its type says.
+    fn own_attribute(&self, holder: ObjectId, names: &[&str]) -> Option<Attribute> {
+        let object = &self.objects[holder];
+        let find = |name: &&str| object.attributes.iter().find(|a| a.name.text == **name);
+        let own = names.iter().find_map(find)?;
+        let mut whole = own.clone();
+        let mut base = own.base.clone();
+        let (mut from, mut left) = (holder, TYPES_MAX);
+        while let Some(path) = base.take()
+            && let Ok(Some(class)) = self.class(from, &path.text)
+            && let Some(general) = self.objects[class].attributes.first()
+            && self.objects[class].kind == Kind::AttributeType
+            && left > 0
+        {
+            left -= 1;
+            let general = match self.objects[class].file == object.file {
+                true => general.clone(),
+                false => at_place(general.clone(), &own.name.at),
+            };
+            whole.data_type = whole.data_type.or(general.data_type);
+            whole.unit = whole.unit.or(general.unit);
+            whole.default = whole.default.or(general.value).or(general.default);
+            if whole.attributes.is_empty() {
+                whole.attributes = general.attributes;
+            }
+            base = general.base;
+            from = class;
+        }
+        Some(whole)
+    }
+
     /// An attribute of a holder with its places in the main file.
-    fn placed(&self, holder: ObjectId, mut attribute: Attribute, part: &Part) -> Attribute {
-        if self.objects[holder].file == 0 {
-            return attribute;
+    fn placed(&self, holder: ObjectId, attribute: Attribute, part: &Part) -> Attribute {
+        match self.objects[holder].file {
+            0 => attribute,
+            _ => at_place(attribute, &part.at),
         }
-        let texts = [
-            Some(&mut attribute.name),
-            attribute.value.as_mut(),
-            attribute.default.as_mut(),
-            attribute.unit.as_mut(),
-        ];
-        for text in texts.into_iter().flatten() {
-            text.at = part.at.clone();
-        }
-        attribute.attributes = attribute
-            .attributes
-            .into_iter()
-            .map(|inner| self.placed(holder, inner, part))
-            .collect();
-        attribute
     }
 
     /// Objects whose attributes an object has: itself, its classes, its roles and their classes.
@@ -152,4 +183,21 @@ impl Caex {
             instance.clone()
         }
     }
+}
+
+/// An attribute all of whose parts stand at one place.
+fn at_place(mut attribute: Attribute, at: &Range<usize>) -> Attribute {
+    let texts = [
+        Some(&mut attribute.name),
+        attribute.value.as_mut(),
+        attribute.default.as_mut(),
+        attribute.unit.as_mut(),
+        attribute.base.as_mut(),
+    ];
+    for text in texts.into_iter().flatten() {
+        text.at = at.clone();
+    }
+    let inner = std::mem::take(&mut attribute.attributes);
+    attribute.attributes = inner.into_iter().map(|a| at_place(a, at)).collect();
+    attribute
 }

@@ -186,16 +186,18 @@ pub fn value(data_type: Option<&str>, text: Text) -> Option<Spanned<toml::Value>
     }
     let plain = text.text.as_str();
     let string = || toml::Value::String(plain.to_owned());
+    // The prefix of the schema's types is whatever the file says: `xs:`, `xsd:`, none.
+    let data_type = data_type.map(|t| t.rsplit(':').next().unwrap_or(t));
     let value = match data_type {
-        Some("xs:string") => string(),
-        Some("xs:double" | "xs:float" | "xs:decimal") => {
+        Some("string") => string(),
+        Some("double" | "float" | "decimal") => {
             plain.parse().map_or_else(|_| string(), toml::Value::Float)
         }
         _ => match plain.to_ascii_lowercase().as_str() {
             "true" => toml::Value::Boolean(true),
             "false" => toml::Value::Boolean(false),
-            "1" if data_type == Some("xs:boolean") => toml::Value::Boolean(true),
-            "0" if data_type == Some("xs:boolean") => toml::Value::Boolean(false),
+            "1" if data_type == Some("boolean") => toml::Value::Boolean(true),
+            "0" if data_type == Some("boolean") => toml::Value::Boolean(false),
             _ => plain
                 .parse()
                 .map(toml::Value::Integer)

@@ -82,7 +82,10 @@ pub fn unpack(bytes: &[u8], limits: Limits) -> Result<BTreeMap<String, Vec<u8>>,
             continue;
         }
         left -= content.len() as u64;
-        parts.insert(name, content);
+        if parts.insert(name.clone(), content).is_some() {
+            let why = "another part has this name too".to_owned();
+            return Err(ZipError::Part { name, why });
+        }
     }
     Ok(parts)
 }

@@ -2,7 +2,7 @@
 
 use super::toml_file::CellFile;
 use crate::caex::{cell, container, library};
-use crate::files::{FILE_BYTES_MAX, ModelAt, ModelFiles, below, folder_of};
+use crate::files::{FILE_BYTES_MAX, ModelAt, ModelFiles, below, decoded, folder_of};
 use crate::problem::{Explain, ModelText, file_error};
 use fam_soft_plc::diag::Diagnostic;
 use std::io::Read as _;
@@ -119,13 +119,16 @@ pub fn open_bytes<'a>(model: impl Into<ModelAt<'a>>, bytes: &[u8]) -> Opened {
             )),
         };
     }
-    let Ok(text) = std::str::from_utf8(bytes) else {
+    let Some(text) = decoded(bytes.to_vec()) else {
         return Opened::failed(
-            file_error("M103", path, "the file is no text in UTF-8".to_owned())
-                .expected("an AutomationML model (.aml, .amlx) or a cell.toml"),
+            file_error(
+                "M103",
+                path,
+                "the file is no text in UTF-8 or UTF-16".to_owned(),
+            )
+            .expected("an AutomationML model (.aml, .amlx) or a cell.toml"),
         );
     };
-    let text = text.trim_start_matches('\u{feff}').to_owned();
     if text.trim_start().starts_with('<') {
         let own = path
             .file_name()

@@ -5,6 +5,9 @@ mod bad;
 mod common;
 mod libraries;
 mod links;
+mod refused;
+mod round_trip;
+mod variants;
 
 use common::two_stations;
 use fam_engineering::caex::container;

@@ -45,6 +45,15 @@ pub fn read(
     let text = sources.get(source).text.clone();
     let document = match Document::parse(&text) {
         Ok(document) => document,
+        Err(roxmltree::Error::DtdDetected) => {
+            const OPENING: &str = "<!DOCTYPE";
+            let at = text.find(OPENING).unwrap_or(0);
+            let span = Span::new(source, at, at + OPENING.len());
+            let message = "the file declares a document type, which could define entities that expand without end";
+            let problem = Problem::error("E601", span, message);
+            problems.push(problem.hint("remove `<!DOCTYPE ...>`: PLCopen XML has none"));
+            return;
+        }
         Err(error) => {
             let at = error.pos();
             let offset: usize = text
