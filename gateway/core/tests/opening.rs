@@ -495,7 +495,7 @@ fn each_answer_of_the_disk_belongs_to_its_own_write() {
                 opened.push(opening.mc);
             }
         }
-        assert_eq!(opened, [open.mc.clone()]);
+        assert_eq!(opened, std::slice::from_ref(&open.mc));
     }
 }
 

@@ -141,7 +141,7 @@ impl Checker<'_> {
     }
 
     /// Whether the instance is certainly of its declared type: not behind a reference or VAR_IN_OUT.
-    fn is_exact(&self, place: &Place) -> bool {
+    pub(super) fn is_exact(&self, place: &Place) -> bool {
         let by_reference = match place.root {
             Root::Var(id) => self.var(id).section == VarSection::InOut && place.steps.is_empty(),
             Root::This => true,
@@ -229,7 +229,7 @@ impl Checker<'_> {
         }
     }
 
-    fn derives_pou(&self, from: PouId, to: PouId) -> bool {
+    pub(super) fn derives_pou(&self, from: PouId, to: PouId) -> bool {
         let mut at = Some(from);
         while let Some(id) = at {
             if id == to {

@@ -14,6 +14,7 @@ mod open_arrays;
 mod operators;
 mod place;
 mod pous;
+mod recursion;
 mod stdcalls;
 pub mod stdfun;
 mod stmt;
@@ -25,7 +26,6 @@ pub mod visit;
 use std::collections::BTreeMap;
 
 use crate::diag::{Diagnostic, Fallible, Problem, Severity, finish_all};
-use crate::source::Span;
 use crate::syntax::ast::Project;
 use crate::types::{InterfaceId, TypeId, TypeTable};
 use tree::{Pou, PouId, TypedProject, Var, VarId};
@@ -197,49 +197,5 @@ impl<'p> Checker<'p> {
             syntax: self.project.clone(),
             options: self.options,
         })
-    }
-
-    /// A program that calls itself has no bounded scan; every POU's memory is laid out once.
-    fn refuse_recursion(&mut self) {
-        // 0 = not seen, 1 = on the path, 2 = done
-        let mut state = vec![0u8; self.pous.len()];
-        for start in 0..self.pous.len() {
-            let mut path: Vec<(usize, Vec<PouId>)> = Vec::new();
-            if state[start] == 0 {
-                state[start] = 1;
-                path.push((start, self.pous[start].calls.iter().copied().collect()));
-            }
-            while let Some((at, rest)) = path.last_mut() {
-                let Some(next) = rest.pop() else {
-                    state[*at] = 2;
-                    path.pop();
-                    continue;
-                };
-                let next = next.0 as usize;
-                if state[next] == 0 {
-                    state[next] = 1;
-                    path.push((next, self.pous[next].calls.iter().copied().collect()));
-                } else if state[next] == 1 {
-                    let from = path.iter().position(|(p, _)| *p == next).unwrap_or(0);
-                    let mut names: Vec<String> = path[from..]
-                        .iter()
-                        .map(|(p, _)| self.pous[*p].name.clone())
-                        .collect();
-                    names.push(self.pous[next].name.clone());
-                    let span: Span = self.pous[next].name_span;
-                    let problem = Problem::error(
-                        "E410",
-                        span,
-                        format!(
-                            "{} calls itself: {}",
-                            self.pous[next].name,
-                            names.join(" > ")
-                        ),
-                    )
-                    .hint("recursion is not allowed; use a loop");
-                    self.problems.push(problem);
-                }
-            }
-        }
     }
 }

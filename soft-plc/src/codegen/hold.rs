@@ -11,7 +11,7 @@ use wasm_encoder::Instruction as I;
 use super::State;
 use super::fun::{Fun, Slot, val};
 use crate::check::tree::{
-    Expr, ExprKind, Place, PouId, Root, StepKind, Stmt, StmtKind, TypedProject, VarId,
+    Expr, ExprKind, Place, PouId, Receiver, Root, StepKind, Stmt, StmtKind, TypedProject, VarId,
 };
 use crate::check::visit::{Node, visit, visit_places, visit_writes};
 use crate::memory::is_kept;
@@ -19,6 +19,9 @@ use crate::syntax::ast::{BinOp, PouKind, VarSection};
 
 /// How many variables one loop may hold: more than registers are of no use.
 const HELD_MAX: usize = 24;
+
+/// Calls inside calls beyond which nobody counts statements.
+const CALL_DEPTH_MAX: usize = 8;
 
 /// What the text of one POU touches.
 #[derive(Clone, Debug, Default)]
@@ -111,6 +114,53 @@ impl State<'_> {
             }
         }
         all
+    }
+}
+
+impl State<'_> {
+    /// How many statements run at most, those of called POUs each time that they are called; without end if a loop is among
+    /// them, or a method that only the instance tells.
+    pub fn statements_of(&mut self, body: &[Stmt]) -> u64 {
+        self.statements_within(body, CALL_DEPTH_MAX)
+    }
+
+    fn statements_within(&mut self, body: &[Stmt], depth: usize) -> u64 {
+        let mut called: Vec<Option<PouId>> = Vec::new();
+        let mut count = 0u64;
+        visit(body, &mut |node| match node {
+            Node::Call(call) => called.push(match &call.receiver {
+                None | Some(Receiver::Fixed(_)) => Some(call.pou),
+                Some(Receiver::Derived(_) | Receiver::Interface(..)) => None,
+            }),
+            Node::Stmt(stmt) => {
+                count += 1;
+                match &stmt.kind {
+                    StmtKind::Invoke(call) => called.push(Some(call.pou)),
+                    StmtKind::For(_)
+                    | StmtKind::While(..)
+                    | StmtKind::Repeat(..)
+                    | StmtKind::CopyRegion { .. } => called.push(None),
+                    _ => {}
+                }
+            }
+            Node::Place(_) | Node::Expr(_) => {}
+        });
+        called.into_iter().fold(count, |sum, pou| {
+            sum.saturating_add(pou.map_or(u64::MAX, |p| self.statements_in(p, depth)))
+        })
+    }
+
+    fn statements_in(&mut self, pou: PouId, depth: usize) -> u64 {
+        if let Some(known) = self.statements.get(&pou) {
+            return *known;
+        }
+        let Some(depth) = depth.checked_sub(1) else {
+            return u64::MAX;
+        };
+        let project = self.project;
+        let count = self.statements_within(project.body(pou), depth);
+        self.statements.insert(pou, count);
+        count
     }
 }
 

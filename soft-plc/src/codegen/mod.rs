@@ -146,6 +146,8 @@ struct State<'p> {
     /// Scratch memory of temporary arrays and structures, by variable.
     scratch: BTreeMap<crate::check::tree::VarId, u32>,
     touched: BTreeMap<PouId, hold::Touched>,
+    /// How many statements a call of the POU runs at most.
+    statements: BTreeMap<PouId, u64>,
     /// Variables that a reference may lead to.
     referenced: BTreeSet<VarId>,
     /// Characters of the longest STRING and WSTRING that a VAR_IN_OUT may be.
@@ -180,6 +182,7 @@ impl<'p> State<'p> {
             problems: Vec::new(),
             scratch: BTreeMap::new(),
             touched: BTreeMap::new(),
+            statements: BTreeMap::new(),
             referenced: hold::referenced(project),
             passed_texts: hold::passed_texts(project),
             texts: BTreeMap::new(),

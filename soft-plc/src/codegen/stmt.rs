@@ -8,7 +8,7 @@ use super::SiteKind;
 use super::expr::simple;
 use super::fun::{Fun, mem, val};
 use crate::check::tree::{Branch, Expr, ExprKind, For, Limits, Place, Root, Stmt, StmtKind};
-use crate::check::visit::{Node, visit, visit_writes};
+use crate::check::visit::visit_writes;
 use crate::diag::Problem;
 use crate::memory::{STOP_AT, STOP_FENCE_AT};
 use crate::source::Span;
@@ -23,8 +23,10 @@ const TABLE_VALUES_MIN: usize = 17;
 /// ... and they span at most this many numbers.
 const TABLE_SPAN_MAX: i64 = 1024;
 
-/// A FOR loop of so many steps, without calls and loops inside, needs no look at the watchdog.
+/// A FOR loop of so many steps, without loops inside, needs no look at the watchdog ...
 const UNWATCHED_STEPS_MAX: i128 = 256;
+/// ... if each of them runs at most so many statements, those of the POUs that it calls included.
+const UNWATCHED_STATEMENTS_MAX: u64 = 500;
 
 impl Fun<'_, '_> {
     pub fn stmts(&mut self, list: &[Stmt]) {
@@ -160,30 +162,17 @@ impl Fun<'_, '_> {
     }
 
     /// Whether the loop certainly ends so soon that the watchdog can wait for it: few steps, and nothing inside that takes long.
-    fn is_short(&self, data: &For) -> bool {
+    fn is_short(&mut self, data: &For) -> bool {
         let known = constant_of;
         let (Some(from), Some(to), Some(by)) =
             (known(&data.from), known(&data.to), known(&data.by))
         else {
             return false;
         };
-        let mut short =
-            by != 0 && (to - from) / by < UNWATCHED_STEPS_MAX && self.is_own_counter(data);
-        visit(&data.body, &mut |node| {
-            short &= match node {
-                Node::Call(_) => false,
-                Node::Stmt(stmt) => !matches!(
-                    stmt.kind,
-                    StmtKind::Invoke(_)
-                        | StmtKind::For(_)
-                        | StmtKind::While(..)
-                        | StmtKind::Repeat(..)
-                        | StmtKind::CopyRegion { .. }
-                ),
-                Node::Place(_) | Node::Expr(_) => true,
-            };
-        });
-        short
+        by != 0
+            && (to - from) / by < UNWATCHED_STEPS_MAX
+            && self.is_own_counter(data)
+            && self.m.statements_of(&data.body) <= UNWATCHED_STATEMENTS_MAX
     }
 
     /// At the top of a loop: ends the scan when the watchdog wants it.

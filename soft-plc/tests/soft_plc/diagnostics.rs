@@ -4,7 +4,7 @@ use fam_soft_plc::{CheckOptions, Diagnostic, SourceFile, check, parse_project};
 
 use crate::common::show;
 
-fn diagnose(text: &str) -> Vec<Diagnostic> {
+pub fn diagnose(text: &str) -> Vec<Diagnostic> {
     let (project, diagnostics) = parse_project(&[SourceFile::new("cell.st", text)]);
     if !diagnostics.is_empty() {
         return diagnostics;

@@ -17,6 +17,7 @@ mod open_arrays;
 mod plcopen;
 mod properties;
 mod random_expressions;
+mod recursion;
 mod regions;
 mod runtime;
 mod semantics;

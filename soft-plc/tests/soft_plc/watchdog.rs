@@ -64,6 +64,40 @@ fn every_kind_of_endless_loop_is_stopped_at_its_line_and_the_instance_goes_on() 
 }
 
 #[test]
+fn short_loops_that_call_each_other_are_not_short_together() {
+    let mut text = String::from(
+        "FUNCTION_BLOCK L0 VAR n : DINT; END_VAR n := n * 3 + 1; END_FUNCTION_BLOCK\n",
+    );
+    // 250 * 250 * 250 * 250 calls: far more than the ticks of the scan.
+    for level in 1..=4 {
+        text.push_str(&format!(
+            "FUNCTION_BLOCK L{level} VAR i : INT; below : L{}; END_VAR FOR i := 1 TO 250 DO below(); END_FOR; END_FUNCTION_BLOCK\n",
+            level - 1
+        ));
+    }
+    text.push_str("PROGRAM P VAR top : L4; END_VAR top(); END_PROGRAM");
+    let engine = Engine::new(EngineOptions::default()).expect("engine");
+    let module = engine
+        .prepare(&compiled(&text, &spec("P")))
+        .expect("module");
+    let mut instance = Instance::new(&engine, &module).expect("instance");
+    let done = AtomicBool::new(false);
+    let result = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !done.load(Ordering::Relaxed) {
+                engine.interrupt_tick();
+                std::thread::yield_now();
+            }
+        });
+        let result = instance.scan(0, 2);
+        done.store(true, Ordering::Relaxed);
+        result
+    });
+    let trap = result.expect_err("stopped");
+    assert_eq!(trap.kind, TrapKind::EndlessLoop);
+}
+
+#[test]
 fn ticks_between_scans_stop_nothing_and_an_instance_may_go_at_any_time() {
     let text =
         "PROGRAM P VAR i, n : INT; END_VAR FOR i := 1 TO 1000 DO n := i; END_FOR; END_PROGRAM";

@@ -1,0 +1,239 @@
+//! Blocks: calls of functions and function blocks with their pins, and the values of their outputs.
+
+use std::collections::BTreeSet;
+
+use roxmltree::Node;
+
+use super::{Network, State, is_true};
+use crate::diag::Problem;
+use crate::plcopen::{element, elements};
+use crate::syntax::ast::{Arg, Expr, ExprKind, StmtKind};
+use crate::syntax::build::At;
+
+impl<'a, 'i> Network<'_, '_, 'a, 'i> {
+    pub(super) fn pins(node: Node<'a, 'i>, list: &'static str) -> Vec<Node<'a, 'i>> {
+        element(node, list)
+            .map(|l| elements(l, "variable").collect())
+            .unwrap_or_default()
+    }
+
+    pub(super) fn block(&mut self, node: Node<'a, 'i>, id: &str) {
+        let span = self.reader.tag(node);
+        let at = At(span);
+        let Some(type_name) = node
+            .attribute("typeName")
+            .map(str::trim)
+            .filter(|t| !t.is_empty())
+        else {
+            self.reader
+                .report(Problem::error("E606", span, "<block> has no `typeName`"));
+            return;
+        };
+        let instance = node
+            .attribute("instanceName")
+            .map(str::trim)
+            .filter(|n| !n.is_empty());
+        let mut enable = None;
+        let mut args: Vec<Arg> = Vec::new();
+        let mut gaps = false;
+        for list in ["inputVariables", "inOutVariables"] {
+            for pin in Self::pins(node, list) {
+                let name = pin.attribute("formalParameter").unwrap_or_default().trim();
+                let point = element(pin, "connectionPointIn");
+                let Some(value) = point.and_then(|p| self.input(p)) else {
+                    gaps = true;
+                    continue;
+                };
+                let value = self.modified(pin, value);
+                if name.eq_ignore_ascii_case("EN") {
+                    enable = Some(value);
+                } else {
+                    let at = At(self.reader.tag(pin));
+                    args.push(at.input(name, value));
+                }
+            }
+        }
+        let outputs = Self::pins(node, "outputVariables");
+        let mut run = Vec::new();
+        let eno = outputs.iter().any(|o| {
+            o.attribute("formalParameter")
+                .is_some_and(|n| n.eq_ignore_ascii_case("ENO"))
+        });
+        match instance {
+            Some(instance) => {
+                let part = self.reader.attribute_part(node, "instanceName");
+                let callee = part
+                    .and_then(|p| self.parse(&p))
+                    .unwrap_or(at.name(instance));
+                run.push(at.invoke(callee, args));
+            }
+            None => {
+                // Standard functions take their arguments in order, whatever their pins are called.
+                let known = self
+                    .reader
+                    .functions
+                    .contains(&type_name.to_ascii_uppercase());
+                if !known && !gaps
+                    || args
+                        .iter()
+                        .any(|a| a.name.as_ref().is_none_or(|n| n.name.is_empty()))
+                {
+                    args.iter_mut().for_each(|a| a.name = None);
+                }
+                let mut result = None;
+                for output in &outputs {
+                    let name = output
+                        .attribute("formalParameter")
+                        .unwrap_or_default()
+                        .trim();
+                    if name.eq_ignore_ascii_case("ENO") {
+                        continue;
+                    }
+                    let is_result = result.is_none()
+                        && (name.is_empty()
+                            || ["OUT", "OUT1", type_name]
+                                .iter()
+                                .any(|n| n.eq_ignore_ascii_case(name))
+                            || !known);
+                    let wire = self.wire(at, "w", enable.is_some());
+                    self.wires
+                        .insert((id.to_owned(), name.to_ascii_uppercase()), at.name(&wire));
+                    if is_result {
+                        result = Some(wire);
+                    } else {
+                        args.push(at.output(name, at.name(&wire)));
+                    }
+                }
+                let call = at.call(at.name(type_name), args);
+                run.push(match result {
+                    Some(wire) => at.assign(at.name(&wire), call),
+                    None => at.stmt(StmtKind::Call(call)),
+                });
+            }
+        }
+        let mut off = Vec::new();
+        if eno {
+            let wire = self.new_name("eno");
+            self.temps.push(at.var(&wire, "BOOL"));
+            run.push(at.assign(at.name(&wire), at.bool(true)));
+            off.push(at.assign(at.name(&wire), at.bool(false)));
+            self.wires
+                .insert((id.to_owned(), "ENO".to_owned()), at.name(&wire));
+        }
+        match enable {
+            Some(Expr {
+                kind: ExprKind::Bool(true),
+                ..
+            })
+            | None => {
+                run.into_iter().for_each(|s| self.emit(s));
+            }
+            Some(enable) => self.emit(at.stmt(StmtKind::If(vec![(enable, run)], off))),
+        }
+        self.states.insert(id.to_owned(), State::Done);
+        // Outputs that are written to a variable at the pin itself.
+        for output in outputs {
+            let text = element(output, "connectionPointOut").and_then(|p| element(p, "expression"));
+            if let Some(text) = text {
+                let name = output
+                    .attribute("formalParameter")
+                    .unwrap_or_default()
+                    .to_owned();
+                let part = self.reader.text_part(text);
+                if part.text.trim().is_empty() {
+                    continue;
+                }
+                if let (Some(target), Some(value)) =
+                    (self.parse(&part), self.block_value(node, id, &name))
+                {
+                    self.store(output, target, value);
+                }
+            }
+        }
+    }
+
+    pub(super) fn block_value(
+        &mut self,
+        node: Node<'a, 'i>,
+        id: &str,
+        formal: &str,
+    ) -> Option<Expr> {
+        let span = self.reader.tag(node);
+        let at = At(span);
+        let outputs = Self::pins(node, "outputVariables");
+        let in_outs = Self::pins(node, "inOutVariables");
+        let named = |pin: &&Node<'_, '_>| {
+            pin.attribute("formalParameter")
+                .is_some_and(|n| n.trim().eq_ignore_ascii_case(formal))
+        };
+        if let Some(pin) = in_outs.iter().find(named).filter(|_| !formal.is_empty()) {
+            self.run(node);
+            return element(*pin, "connectionPointIn").and_then(|p| self.input(p));
+        }
+        let pin = if formal.is_empty() {
+            outputs.iter().find(|o| {
+                !o.attribute("formalParameter")
+                    .is_some_and(|n| n.eq_ignore_ascii_case("ENO"))
+            })
+        } else {
+            outputs.iter().find(named)
+        };
+        let name = pin
+            .and_then(|p| p.attribute("formalParameter"))
+            .unwrap_or(formal)
+            .trim()
+            .to_owned();
+        if !self.later(node) {
+            self.run(node);
+        }
+        let instance = node
+            .attribute("instanceName")
+            .map(str::trim)
+            .filter(|n| !n.is_empty());
+        let key = (id.to_owned(), name.to_ascii_uppercase());
+        let value = match (instance, self.wires.get(&key)) {
+            (_, Some(wire)) => wire.clone(),
+            (Some(instance), None) => {
+                let part = self.reader.attribute_part(node, "instanceName");
+                let base = part
+                    .and_then(|p| self.parse(&p))
+                    .unwrap_or(at.name(instance));
+                at.expr(ExprKind::Field(Box::new(base), at.ident(&name)))
+            }
+            (None, None) => {
+                self.reader.report(
+                    Problem::error(
+                        "E611",
+                        span,
+                        "this loop of connections leads through functions only",
+                    )
+                    .hint("write the value to a variable and read it from there"),
+                );
+                return None;
+            }
+        };
+        Some(match pin {
+            Some(pin) if is_true(*pin, "negated") => at.not(value),
+            _ => value,
+        })
+    }
+
+    /// Whether the element is to run after one that is running, by their numbers.
+    pub(super) fn later(&self, node: Node<'a, 'i>) -> bool {
+        let number = |n: Node<'_, '_>| {
+            n.attribute("executionOrderId")
+                .and_then(|n| n.parse::<u64>().ok())
+                .filter(|n| *n > 0 && self.labels.is_empty())
+        };
+        let Some(own) = number(node) else {
+            return false;
+        };
+        let running: BTreeSet<u64> = self
+            .states
+            .iter()
+            .filter(|(_, s)| **s == State::Running)
+            .filter_map(|(id, _)| self.by_id.get(id).and_then(|n| number(*n)))
+            .collect();
+        running.first().is_some_and(|first| own > *first)
+    }
+}
