@@ -90,6 +90,8 @@ pub struct McFacts {
     pub applied: Option<(CheckpointId, Owner)>,
     /// The newest grant.
     pub grant: Option<Grant>,
+    /// An epoch that is on record and was not answered yet, and whether it begins without a head: a reset has been carried out by it.
+    opened: Option<(Epoch, bool)>,
     /// All grants.
     pub grants: BTreeMap<Epoch, Grant>,
     /// Outputs that stand at the field; `None` before the first.
@@ -135,6 +137,7 @@ impl Facts {
                 last_scan: Scan(0),
                 applied: None,
                 grant: None,
+                opened: None,
                 grants: BTreeMap::new(),
                 field: None,
                 fail_safe: false,
@@ -199,8 +202,14 @@ impl Facts {
                     mc.lose_head();
                 }
             }
+            Seen::Opened { mc, ledger } => {
+                if let Some(mc) = self.mcs.get_mut(*mc) {
+                    mc.opened = Some((ledger.epoch, ledger.base.is_none()));
+                }
+            }
             Seen::Granted { opened, owner, .. } => {
                 if let Some(mc) = self.mcs.get_mut(&opened.mc) {
+                    mc.opened = None;
                     // The same grant may be told again.
                     if mc.grants.contains_key(&opened.epoch) {
                         return;
@@ -336,6 +345,21 @@ impl McFacts {
         self.before = self.head.replace(head);
     }
 
+    /// The gateway died between an epoch's record and its answer: what the epoch did to the record stands.
+    fn restart_opened(&mut self, headless: bool) {
+        let Some(grant) = &mut self.grant else {
+            return;
+        };
+        if headless {
+            self.head = None;
+            if grant.ended == Some(Ended::HeadLost) {
+                self.last_scan = Scan(0);
+                self.applied = None;
+            }
+        }
+        grant.ended = Some(Ended::Restart);
+    }
+
     /// What was not synced is gone. An MC that never ran has nothing to lose.
     fn lose_head(&mut self) {
         if self.head.take().is_some()
@@ -346,7 +370,9 @@ impl McFacts {
     }
 
     fn restart(&mut self) {
-        if let Some(grant) = &mut self.grant {
+        if let Some((_, headless)) = self.opened.take() {
+            self.restart_opened(headless);
+        } else if let Some(grant) = &mut self.grant {
             // A head that says stopped may have been recorded right before the gateway died.
             let stopped = self
                 .head

@@ -29,7 +29,7 @@ use crate::simulator::Cell;
 use fam_gateway_core::StoredHead;
 use fam_node_core::ScannedFrame;
 use fam_proto::{
-    Applied, BootId, ControllerId, Epoch, InputImage, McId, Opened, Order, Owner, Successor,
+    Applied, BootId, ControllerId, Epoch, InputImage, Ledger, McId, Opened, Order, Owner, Successor,
 };
 use std::sync::Arc;
 
@@ -59,6 +59,13 @@ pub enum Seen<'a> {
         force: bool,
         /// Whether the gateway sees the liveliness token of the owner before.
         token_seen: bool,
+    },
+    /// An epoch is on record; its answer may never leave the gateway.
+    Opened {
+        /// The MC.
+        mc: &'a McId,
+        /// The ledger.
+        ledger: &'a Ledger,
     },
     /// The gateway's record has a new head.
     Recorded {

@@ -172,7 +172,7 @@ impl World {
                 RecordState::Faulted(_) => self.see(&Seen::Closed { mc, faulted: true }),
                 _ => {}
             },
-            RecordWrite::Opened { .. } => {}
+            RecordWrite::Opened { mc, ledger } => self.see(&Seen::Opened { mc, ledger }),
         }
         if fails {
             Err("No space left on device".to_owned())
