@@ -98,20 +98,19 @@ impl<'p> Checker<'p> {
             self.pous[id.0 as usize].result = Some(var);
             self.current.names.insert(key(&syntax.name.name), var);
         }
-        // Constants first: the bounds of an array may name one that is declared below it.
-        let constants = |block: &&'p ast::VarBlock| block.constant;
-        let rest = |block: &&'p ast::VarBlock| !block.constant;
+        // Constants first: the bounds of an array may name one that is declared below it. The variables stand in the order of the
+        // text, which is that of calls without names, and of memory.
         let before = self.pou(id).vars.len();
-        for block in syntax.vars.iter().filter(constants) {
-            self.declare_block(id, syntax, block);
+        let mut groups = vec![Vec::new(); syntax.vars.len()];
+        for constant in [true, false] {
+            for (index, block) in syntax.vars.iter().enumerate() {
+                if block.constant == constant {
+                    self.declare_block(id, syntax, block);
+                    groups[index] = self.pous[id.0 as usize].vars.split_off(before);
+                }
+            }
         }
-        for block in syntax.vars.iter().filter(rest) {
-            self.declare_block(id, syntax, block);
-        }
-        // In the order of the text again, which is that of calls without names.
-        let mut vars = self.pous[id.0 as usize].vars.split_off(before);
-        vars.sort_by_key(|var| self.var(*var).span);
-        self.pous[id.0 as usize].vars.append(&mut vars);
+        self.pous[id.0 as usize].vars.extend(groups.concat());
     }
 
     fn declare_block(&mut self, id: PouId, syntax: &'p ast::Pou, block: &'p ast::VarBlock) {
