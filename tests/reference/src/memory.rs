@@ -219,9 +219,12 @@ impl<'p> Memory<'p> {
         }
     }
 
+    /// The character was there when its place was found; what was evaluated since may have made the string shorter.
     pub fn set_unit(&mut self, at: NodeId, index: usize, unit: u16) {
-        if let Node::Text(_, units) = &mut self.nodes[at.0] {
-            units[index] = unit;
+        if let Node::Text(_, units) = &mut self.nodes[at.0]
+            && let Some(old) = units.get_mut(index)
+        {
+            *old = unit;
         }
     }
 
