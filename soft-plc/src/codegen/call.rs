@@ -94,10 +94,7 @@ impl Fun<'_, '_> {
                 }
                 None => {
                     let at = self.m.scratch_of(*parameter);
-                    let size = self.m.size_of(place.ty);
-                    self.push_full_address(place);
-                    self.i(I::I32Const(at as i32));
-                    self.copy(size);
+                    self.store_aggregate(place, |f| f.i(I::I32Const(at as i32)));
                 }
             }
         }
@@ -326,12 +323,11 @@ impl Fun<'_, '_> {
                 continue;
             }
             if project.types.is_aggregate(ty) {
-                let size = self.m.size_of(ty);
-                self.push_full_address(place);
-                self.push_member(base.as_ref());
-                self.i(I::I32Const(addr.offset as i32));
-                self.i(I::I32Add);
-                self.copy(size);
+                self.store_aggregate(place, |f| {
+                    f.push_member(base.as_ref());
+                    f.i(I::I32Const(addr.offset as i32));
+                    f.i(I::I32Add);
+                });
                 continue;
             }
             let elem = self.elem(ty);

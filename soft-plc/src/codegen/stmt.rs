@@ -189,14 +189,19 @@ impl Fun<'_, '_> {
         if self.m.project.types.text(place.ty).is_some() {
             self.assign_text(place, value);
         } else if self.m.project.types.is_aggregate(place.ty) {
-            let size = self.m.size_of(place.ty);
-            self.push_full_address(place);
-            self.aggregate(value);
-            self.copy(size);
-            self.forget(place);
+            self.store_aggregate(place, |f| f.aggregate(value));
         } else {
             self.store_value(place, value);
         }
+    }
+
+    /// Stores the array or structure at the address that `source` pushes into the place.
+    pub fn store_aggregate(&mut self, place: &Place, source: impl FnOnce(&mut Self)) {
+        let size = self.m.size_of(place.ty);
+        self.push_full_address(place);
+        source(self);
+        self.copy(size);
+        self.forget(place);
     }
 
     fn if_chain(&mut self, branches: &[(Expr, Vec<Stmt>)], otherwise: &[Stmt]) {
