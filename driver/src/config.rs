@@ -4,8 +4,9 @@ use crate::link::LinkOptions;
 use fam_proto::ProcessId;
 use serde_json::json;
 
-/// How long opening waits for connections that are being made, in milliseconds.
-const OPEN_WAIT_MS: u64 = 300;
+/// How long opening waits for connections that are being made, in milliseconds. A peer that has gone a moment ago is still told
+/// of by the others, and is waited for as long: a controller that is started again may not lose more than that.
+const OPEN_WAIT_MS: u64 = 150;
 /// First and longest pause between two attempts to reach an endpoint, in milliseconds.
 const RETRY_MS: (u64, u64) = (50, 400);
 /// How long a put waits for room in the queue of one peer that does not take its data, and how long at most for a message of
