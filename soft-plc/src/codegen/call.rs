@@ -7,7 +7,8 @@ use super::fun::{Fun, val};
 use super::place::{Addr, Form, Kept};
 use super::text::calls;
 use crate::check::tree::{
-    Argument, Expr, ExprKind, FunctionCall, Invocation, Place, PouId, Receiver, Root, VarId,
+    Argument, Expr, ExprKind, FunctionCall, Invocation, Place, PouId, Receiver, Root, Step,
+    StepKind, VarId,
 };
 use crate::syntax::ast::VarSection;
 use crate::types::{Elem, TypeId};
@@ -227,9 +228,7 @@ impl Fun<'_, '_> {
     fn is_ordinary(&self, place: &Place) -> bool {
         let project = self.m.project;
         match place.steps.last().map(|s| &s.kind) {
-            Some(crate::check::tree::StepKind::Index(_)) => {
-                !self.elem(place.ty).is_packed_in_arrays()
-            }
+            Some(StepKind::Index(_)) => !self.elem(place.ty).is_packed_in_arrays(),
             Some(crate::check::tree::StepKind::Char(_)) => false,
             Some(_) => true,
             None => match place.root {
@@ -290,12 +289,20 @@ impl Fun<'_, '_> {
     }
 
     pub fn invoke(&mut self, call: &Invocation) {
-        let project = self.m.project;
         let base = call.instance.as_ref().map(|place| self.keep_address(place));
+        // What the caller writes and the function block reads, and the other way round, stays in locals if both are one function.
+        let in_place = call
+            .instance
+            .as_ref()
+            .zip(base.as_ref())
+            .filter(|_| self.is_put_in_place(call));
+        let seen = in_place.map(|(place, _)| place);
         for (parameter, value) in &call.inputs {
-            self.set_input(base.as_ref(), *parameter, value);
+            self.set_input(base.as_ref(), seen, *parameter, value);
         }
-        if let Some(kept) = &base {
+        if in_place.is_none()
+            && let Some(kept) = &base
+        {
             self.push_kept(kept);
             if kept.addr.offset != 0 {
                 self.i(I::I32Const(kept.addr.offset as i32));
@@ -307,38 +314,66 @@ impl Fun<'_, '_> {
             self.pass(place, &mut back);
         }
         self.copy_in(&back);
-        let number = self.m.numbers[&call.pou];
-        self.i(I::Call(number));
-        self.known.forget_all();
+        match in_place {
+            Some((place, kept)) => self.put_in_place(call, place, kept),
+            None => {
+                self.i(I::Call(self.m.numbers[&call.pou]));
+                self.known.forget_all();
+            }
+        }
         self.bring_back(back);
         for (parameter, place, negated) in &call.outputs {
-            let ty = project.var(*parameter).ty;
-            let addr = self.member(base.as_ref(), *parameter);
-            if project.types.text(ty).is_some() {
-                self.copy_text(place, |f| {
-                    f.push_member(base.as_ref());
-                    f.i(I::I32Const(addr.offset as i32));
-                    f.i(I::I32Add);
-                });
-                continue;
-            }
-            if project.types.is_aggregate(ty) {
-                self.store_aggregate(place, |f| {
-                    f.push_member(base.as_ref());
-                    f.i(I::I32Const(addr.offset as i32));
-                    f.i(I::I32Add);
-                });
-                continue;
-            }
-            let elem = self.elem(ty);
-            self.store_converted(place, elem, *negated, |f| {
-                f.push_member(base.as_ref());
-                f.load_from(elem, addr);
-            });
+            self.take_output(base.as_ref(), seen, *parameter, place, *negated);
         }
         if let Some(kept) = &base {
             self.release_kept(kept);
         }
+    }
+
+    /// `OUT => place`.
+    fn take_output(
+        &mut self,
+        base: Option<&Kept>,
+        seen: Option<&Place>,
+        parameter: VarId,
+        place: &Place,
+        negated: bool,
+    ) {
+        let project = self.m.project;
+        let ty = project.var(parameter).ty;
+        let addr = self.member(base, parameter);
+        let address = |f: &mut Self| {
+            f.push_member(base);
+            f.i(I::I32Const(addr.offset as i32));
+            f.i(I::I32Add);
+        };
+        if project.types.text(ty).is_some() {
+            self.copy_text(place, address);
+        } else if project.types.is_aggregate(ty) {
+            self.store_aggregate(place, address);
+        } else {
+            let elem = self.elem(ty);
+            let known = seen.and_then(|i| self.known_local(&self.parameter_of(i, parameter)));
+            self.store_converted(place, elem, negated, |f| match known {
+                Some(local) => f.i(I::LocalGet(local)),
+                None => {
+                    f.push_member(base);
+                    f.load_from(elem, addr);
+                }
+            });
+        }
+    }
+
+    /// A parameter as a place of the caller.
+    fn parameter_of(&self, instance: &Place, parameter: VarId) -> Place {
+        let ty = self.m.project.var(parameter).ty;
+        let mut place = instance.clone();
+        place.steps.push(Step {
+            kind: StepKind::Member(parameter),
+            ty,
+        });
+        place.ty = ty;
+        place
     }
 
     fn push_member(&mut self, base: Option<&Kept>) {
@@ -354,45 +389,43 @@ impl Fun<'_, '_> {
         cell_at(own + base.map_or(0, |kept| kept.addr.offset))
     }
 
-    fn set_input(&mut self, base: Option<&Kept>, parameter: VarId, value: &Expr) {
-        self.write_input(base, parameter, value);
-        // The inputs behind it may read it.
-        if self
-            .m
-            .project
-            .types
-            .is_aggregate(self.m.project.var(parameter).ty)
-        {
-            self.known.forget_all();
-        } else {
-            self.known.forget_variable(parameter);
-        }
-    }
-
-    fn write_input(&mut self, base: Option<&Kept>, parameter: VarId, value: &Expr) {
+    /// `IN := value`. `seen`: the instance, if the value is kept in a local as well.
+    fn set_input(
+        &mut self,
+        base: Option<&Kept>,
+        seen: Option<&Place>,
+        parameter: VarId,
+        value: &Expr,
+    ) {
         let ty = self.m.project.var(parameter).ty;
         let addr = self.member(base, parameter);
         self.push_member(base);
+        // The inputs behind it may read it: nothing that was known of it holds.
         if let Some((wide, len)) = self.m.project.types.text(ty) {
             self.i(I::I32Const(addr.offset as i32));
             self.i(I::I32Add);
             self.i(I::I32Const(len as i32));
             self.text(value);
             self.i(I::Call(super::helper::assign(wide)));
+            self.known.forget_all();
         } else if self.m.project.types.is_aggregate(ty) {
             let size = self.m.size_of(ty);
             self.i(I::I32Const(addr.offset as i32));
             self.i(I::I32Add);
             self.aggregate(value);
             self.copy(size);
+            self.known.forget_all();
         } else {
             let elem = self.elem(ty);
             self.expr(value);
-            if self.is_canonical(value) {
-                self.store_as_it_is(elem, addr);
-            } else {
-                self.store_to(elem, addr);
+            if !self.is_canonical(value) {
+                self.canonical(elem);
             }
+            self.known.forget_variable(parameter);
+            if let Some(local) = seen.and_then(|i| self.learn(&self.parameter_of(i, parameter))) {
+                self.i(I::LocalTee(local));
+            }
+            self.store_as_it_is(elem, addr);
         }
     }
 

@@ -16,10 +16,17 @@ impl Fun<'_, '_> {
     pub fn expr(&mut self, expr: &Expr) {
         match &expr.kind {
             ExprKind::Const(value) => self.constant(*value, self.elem(expr.ty)),
-            ExprKind::Load(place) => self.load(place),
+            ExprKind::Load(place) => match self.only_value(expr) {
+                Some(value) => {
+                    let elem = self.elem(expr.ty);
+                    self.constant(Value::from_i128(elem, value), elem);
+                }
+                None => self.load(place),
+            },
             ExprKind::Unary(op, inner) => self.unary(*op, inner),
             ExprKind::Binary(op, elem, left, right) => {
-                self.binary(*op, *elem, left, right, expr.span);
+                let wraps = self.range_of(expr).is_none();
+                self.binary(*op, *elem, left, right, wraps, expr.span);
             }
             ExprKind::Convert(inner) => {
                 self.expr(inner);
@@ -146,7 +153,16 @@ impl Fun<'_, '_> {
         }
     }
 
-    fn binary(&mut self, op: BinOp, elem: Elem, left: &Expr, right: &Expr, span: Span) {
+    /// `wraps`: the result may leave its type.
+    fn binary(
+        &mut self,
+        op: BinOp,
+        elem: Elem,
+        left: &Expr,
+        right: &Expr,
+        wraps: bool,
+        span: Span,
+    ) {
         if elem == Elem::Bool && matches!(op, BinOp::And | BinOp::Or) && !cheap(right, 4) {
             // The right side is evaluated only if it decides (clause 7.3.2): it may guard an index or a division.
             self.expr(left);
@@ -198,7 +214,7 @@ impl Fun<'_, '_> {
             }
             _ => {
                 self.i(simple(op, elem));
-                if matches!(op, BinOp::Add | BinOp::Sub | BinOp::Mul) {
+                if wraps && matches!(op, BinOp::Add | BinOp::Sub | BinOp::Mul) {
                     self.normalise_arithmetic(elem);
                 }
             }

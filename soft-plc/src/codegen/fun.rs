@@ -5,13 +5,15 @@ use std::collections::BTreeMap;
 use wasm_encoder::{BlockType, Instruction as I, MemArg, ValType};
 
 use super::hold::Held;
+use super::inline::Instance;
 use super::known::Known;
 use super::{SiteKind, State};
-use crate::check::tree::{PouId, VarId};
+use crate::check::tree::{InitValue, PouId, VarId};
 use crate::memory::{Filler, MEMORY_BYTES_MAX, is_kept};
 use crate::source::Span;
 use crate::syntax::ast::{PouKind, VarSection};
 use crate::types::{Elem, TypeId};
+use crate::value::Value;
 
 /// The Wasm type that values of an elementary type are computed in.
 pub fn val(elem: Elem) -> ValType {
@@ -76,7 +78,13 @@ pub struct Fun<'m, 'p> {
     pub returns: Vec<(u32, bool)>,
     /// Values that FOR variables keep to.
     pub ranges: BTreeMap<VarId, (i128, i128)>,
+    /// FOR variables that are so much ahead of their local: the local is brought up to date once a round.
+    pub ahead: BTreeMap<VarId, i128>,
     pub known: Known,
+    /// The function block instance whose variables are meant.
+    pub instance: Instance,
+    /// Nodes of function blocks whose statements stand in the place of their calls.
+    pub put_in_place: u64,
 }
 
 /// Whether variables live only while the POU runs.
@@ -179,7 +187,10 @@ impl<'m, 'p> Fun<'m, 'p> {
             held: Vec::new(),
             returns: Vec::new(),
             ranges: BTreeMap::new(),
+            ahead: BTreeMap::new(),
             known: Known::default(),
+            instance: Instance::parameter(),
+            put_in_place: 0,
         };
         fun.prologue();
         // RETURN leaves this block.
@@ -261,12 +272,8 @@ impl<'m, 'p> Fun<'m, 'p> {
                 (_, Some(elem)) => {
                     let local = self.new_local(val(elem));
                     self.slots.insert(id, Slot::Local(local));
-                    let value = match &var.init {
-                        Some(crate::check::tree::InitValue::Scalar(value)) => Some(*value),
-                        _ => project.types.default_value(var.ty),
-                    };
-                    let zero = crate::value::Value::zero(elem);
-                    if let Some(value) = value.filter(|v| *v != zero) {
+                    let value = self.initial(id, elem);
+                    if value != Value::zero(elem) {
                         self.constant(value, elem);
                         self.i(I::LocalSet(local));
                     }
@@ -274,6 +281,49 @@ impl<'m, 'p> Fun<'m, 'p> {
                 (_, None) => self.prepare_scratch(id),
             }
         }
+    }
+
+    /// The value with which a scalar variable begins.
+    fn initial(&self, id: VarId, elem: Elem) -> Value {
+        let var = self.m.project.var(id);
+        match &var.init {
+            Some(InitValue::Scalar(value)) => *value,
+            _ => self
+                .m
+                .project
+                .types
+                .default_value(var.ty)
+                .unwrap_or(Value::zero(elem)),
+        }
+    }
+
+    /// Gives the temporary variables of a function block that is put in the place of its call their places and initial values.
+    /// Answers the locals.
+    pub fn temporaries(&mut self, pou: PouId) -> Vec<(VarId, u32)> {
+        let project = self.m.project;
+        let mut locals = Vec::new();
+        for id in project.pou(pou).vars.clone() {
+            let var = project.var(id);
+            if var.section == VarSection::InOut
+                || var.constant
+                || is_kept(var)
+                || var.location.is_some()
+            {
+                continue;
+            }
+            match project.types.elem(var.ty) {
+                Some(elem) => {
+                    let local = self.temp(val(elem));
+                    self.slots.insert(id, Slot::Local(local));
+                    let value = self.initial(id, elem);
+                    self.constant(value, elem);
+                    self.i(I::LocalSet(local));
+                    locals.push((id, local));
+                }
+                None => self.prepare_scratch(id),
+            }
+        }
+        locals
     }
 
     fn prepare_scratch(&mut self, id: VarId) {
@@ -321,7 +371,10 @@ impl<'m, 'p> Fun<'m, 'p> {
     }
 
     pub fn mark(&mut self, span: Span) {
-        self.marks.push((self.code.len(), span));
+        // Inside a function block that is put in place of its call, the line is that of the call: lines are those of one POU.
+        if self.instance.key.is_empty() {
+            self.marks.push((self.code.len(), span));
+        }
     }
 
     /// Says that the condition of the branch that comes next is nearly always this: the other way is moved aside.

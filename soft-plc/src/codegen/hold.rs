@@ -94,6 +94,11 @@ impl State<'_> {
         })
     }
 
+    /// The variables that the text of `pou` names.
+    pub fn roots_touched(&mut self, pou: PouId) -> &BTreeSet<VarId> {
+        &self.touched(pou).roots
+    }
+
     /// What all POUs called from `pou`, directly or not, touch; and what `pou` itself reaches through instances.
     fn touched_below(&mut self, pou: PouId) -> Touched {
         let own = self.touched(pou);
@@ -118,13 +123,13 @@ impl State<'_> {
 }
 
 impl State<'_> {
-    /// How many statements run at most, those of called POUs each time that they are called; without end if a loop is among
-    /// them, or a method that only the instance tells.
+    /// How many statements run at most when each FOR runs once, those of called POUs each time that they are called; without
+    /// end if another loop is among them, any in a called POU, or a method that only the instance tells.
     pub fn statements_of(&mut self, body: &[Stmt]) -> u64 {
-        self.statements_within(body, CALL_DEPTH_MAX)
+        self.statements_within(body, CALL_DEPTH_MAX, true)
     }
 
-    fn statements_within(&mut self, body: &[Stmt], depth: usize) -> u64 {
+    fn statements_within(&mut self, body: &[Stmt], depth: usize, for_once: bool) -> u64 {
         let mut called: Vec<Option<PouId>> = Vec::new();
         let mut count = 0u64;
         visit(body, &mut |node| match node {
@@ -136,6 +141,7 @@ impl State<'_> {
                 count += 1;
                 match &stmt.kind {
                     StmtKind::Invoke(call) => called.push(Some(call.pou)),
+                    StmtKind::For(_) if for_once => {}
                     StmtKind::For(_)
                     | StmtKind::While(..)
                     | StmtKind::Repeat(..)
@@ -158,7 +164,7 @@ impl State<'_> {
             return u64::MAX;
         };
         let project = self.project;
-        let count = self.statements_within(project.body(pou), depth);
+        let count = self.statements_within(project.body(pou), depth, false);
         self.statements.insert(pou, count);
         count
     }
@@ -178,7 +184,7 @@ impl Touched {
 }
 
 /// Only a variable itself, or a bit of it.
-fn whole_var(place: &Place) -> Option<VarId> {
+pub fn whole_var(place: &Place) -> Option<VarId> {
     match place.root {
         Root::Var(id)
             if place
@@ -339,6 +345,12 @@ impl Fun<'_, '_> {
         }
         self.ranges.insert(id, (from.min(to), from.max(to)));
         Some(id)
+    }
+
+    /// The value of an integer expression, if it has only one.
+    pub fn only_value(&self, expr: &Expr) -> Option<i128> {
+        self.range_of(expr)
+            .and_then(|(low, high)| (low == high).then_some(low))
     }
 
     /// Limits that the value of an integer expression certainly keeps.

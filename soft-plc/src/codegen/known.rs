@@ -26,8 +26,10 @@ enum Name {
 
 /// A place without what differs between two mentions of it.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Part {
+pub enum Part {
     Var(VarId),
+    /// An instance without a name of its own: the one of a call that stands here in the code.
+    Call(usize),
     Field(TypeId, usize),
     Index,
     Value(i128),
@@ -121,6 +123,13 @@ impl Fun<'_, '_> {
         Some(number)
     }
 
+    /// The name of an instance, and the variables in its indices.
+    pub fn key_parts(&self, place: &Place) -> Option<(Vec<Part>, Vec<VarId>)> {
+        let mut key = Key::default();
+        self.key_of(place, &mut key)?;
+        Some((key.parts, key.depends_on))
+    }
+
     fn key_of(&self, place: &Place, key: &mut Key) -> Option<()> {
         let project = self.m.project;
         let Root::Var(id) = place.root else {
@@ -129,6 +138,10 @@ impl Fun<'_, '_> {
         let in_memory = matches!(self.slots.get(&id), None | Some(Slot::Scratch(_)));
         if !in_memory || project.var(id).location.is_some() {
             return None;
+        }
+        if self.is_in_instance(id) {
+            key.parts.clone_from(&self.instance.key);
+            key.depends_on.clone_from(&self.instance.depends_on);
         }
         key.parts.push(Part::Var(id));
         key.name = Some(Name::Var(id));
@@ -156,8 +169,11 @@ impl Fun<'_, '_> {
     }
 
     fn index_key(&self, index: &Expr, key: &mut Key) -> Option<()> {
+        if let Some(value) = self.only_value(index) {
+            key.parts.push(Part::Value(value));
+            return Some(());
+        }
         match &index.kind {
-            ExprKind::Const(value) => key.parts.push(Part::Value(value.as_i128()?)),
             ExprKind::Load(place) => {
                 let Root::Var(id) = place.root else {
                     return None;
@@ -174,6 +190,9 @@ impl Fun<'_, '_> {
                 }
                 key.parts.push(Part::Var(id));
                 key.depends_on.push(id);
+                if let Some(ahead) = self.ahead.get(&id) {
+                    key.parts.push(Part::Value(*ahead));
+                }
             }
             ExprKind::Convert(inner) => {
                 let (from, to) = (self.elem(inner.ty), self.elem(index.ty));

@@ -12,12 +12,15 @@ mod expr;
 mod fun;
 mod helper;
 mod hold;
+mod inline;
 mod known;
+mod loops;
 mod place;
 mod stdfun;
 mod stmt;
 mod text;
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
@@ -60,7 +63,7 @@ pub struct CompiledMc {
 }
 
 /// A place in the program at which a run-time check may fail.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Site {
     pub kind: SiteKind,
     pub pou: String,
@@ -68,7 +71,7 @@ pub struct Site {
     pub line: u32,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SiteKind {
     DivisionByZero,
@@ -139,6 +142,7 @@ struct State<'p> {
     numbers: BTreeMap<PouId, u32>,
     imports: Vec<(&'static str, Vec<ValType>, Vec<ValType>)>,
     sites: Vec<Site>,
+    site_numbers: BTreeMap<Site, i32>,
     scratch_at: u32,
     /// Initial images of temporary arrays and structures.
     data: Vec<(u32, Vec<u8>)>,
@@ -177,6 +181,7 @@ impl<'p> State<'p> {
             numbers,
             imports: Vec::new(),
             sites: Vec::new(),
+            site_numbers: BTreeMap::new(),
             scratch_at,
             data: Vec::new(),
             problems: Vec::new(),
@@ -224,16 +229,23 @@ impl<'p> State<'p> {
         IMPORT_BASE + index as u32
     }
 
-    /// A new trap site; answers its number.
+    /// The number of a trap site. What is written out several times has one.
     fn site(&mut self, kind: SiteKind, pou: PouId, span: Span) -> i32 {
         let source = self.project.sources.get(span.source);
-        self.sites.push(Site {
+        let site = Site {
             kind,
             pou: self.project.pou(pou).name.clone(),
             file: source.name.clone(),
             line: source.position(span.start).line,
-        });
-        self.sites.len() as i32
+        };
+        let next = self.site_numbers.len() as i32 + 1;
+        match self.site_numbers.entry(site) {
+            Entry::Occupied(known) => *known.get(),
+            Entry::Vacant(new) => {
+                self.sites.push(new.key().clone());
+                *new.insert(next)
+            }
+        }
     }
 
     fn assemble(self, functions: &[FunctionCode], needed: u64) -> CompiledMc {

@@ -3,9 +3,13 @@
 use wasm_encoder::{Instruction as I, ValType};
 
 use super::SiteKind;
+use super::expr::simple;
 use super::fun::{Fun, Slot, mem, val};
-use crate::check::tree::{Expr, ExprKind, Place, Root, StepKind};
+use super::hold::whole_var;
+use crate::check::tree::{Expr, ExprKind, Place, Root, StepKind, VarId};
+use crate::syntax::ast::{BinOp, PouKind};
 use crate::types::{Elem, TypeKind};
+use crate::value::Value;
 
 /// How a value is written in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +55,21 @@ impl Fun<'_, '_> {
             Some(Slot::Local(local)) => Some(*local),
             _ => None,
         }
+    }
+
+    /// Whether the variable is one of a function block's instance.
+    pub fn is_in_instance(&self, id: VarId) -> bool {
+        let project = self.m.project;
+        let var = project.var(id);
+        !var.constant
+            && var
+                .owner
+                .is_some_and(|o| project.pou(o).kind == PouKind::FunctionBlock)
+    }
+
+    /// How much a FOR variable is ahead of its local.
+    pub fn ahead_of(&self, place: &Place) -> Option<i128> {
+        self.ahead.get(&whole_var(place)?).copied()
     }
 
     /// The lowest bit and the number of bits that are meant of a larger value.
@@ -130,11 +149,13 @@ impl Fun<'_, '_> {
         match place.root {
             Root::This => {
                 // A program has one instance, at a fixed place: its actions need no address.
-                if project.pou(self.pou).kind == crate::syntax::ast::PouKind::Program {
-                    self.i(I::I32Const(0));
-                } else {
-                    self.i(I::LocalGet(0));
+                match self.instance.base {
+                    Some(local) if project.pou(self.pou).kind != PouKind::Program => {
+                        self.i(I::LocalGet(local));
+                    }
+                    _ => self.i(I::I32Const(0)),
                 }
+                addr.offset = self.instance.offset;
                 dynamic = true;
             }
             Root::Direct(location) => {
@@ -170,12 +191,12 @@ impl Fun<'_, '_> {
                     }
                     None => {
                         addr.offset = self.m.plan.addresses[id.0 as usize];
-                        let in_instance = var.owner.is_some_and(|o| {
-                            project.pou(o).kind == crate::syntax::ast::PouKind::FunctionBlock
-                        });
-                        if in_instance && !var.constant {
-                            self.i(I::LocalGet(0));
-                            dynamic = true;
+                        if self.is_in_instance(id) {
+                            addr.offset += self.instance.offset;
+                            if let Some(local) = self.instance.base {
+                                self.i(I::LocalGet(local));
+                                dynamic = true;
+                            }
                         }
                         if let Some(location) = var.location {
                             addr.form = location.bit.map_or(Form::Image, Form::ImageBit);
@@ -208,12 +229,18 @@ impl Fun<'_, '_> {
                         weights[d - 1] = weights[d].saturating_mul(count);
                     }
                     for ((index, bounds), weight) in indices.iter().zip(&dims).zip(&weights) {
-                        if let ExprKind::Const(value) = &index.kind {
-                            let at = value.as_i128().unwrap_or(0) - i128::from(bounds.0);
-                            addr.offset += at as u32 * weight;
+                        let low = i128::from(bounds.0);
+                        let only = match &index.kind {
+                            ExprKind::Const(value) => value.as_i128(),
+                            _ => self
+                                .only_value(index)
+                                .filter(|v| (low..=i128::from(bounds.1)).contains(v)),
+                        };
+                        if let Some(value) = only {
+                            addr.offset += (value - low) as u32 * weight;
                             continue;
                         }
-                        self.index(index, *bounds, *weight);
+                        self.index(index, *bounds, *weight, &mut addr.offset);
                         if dynamic {
                             self.i(I::I32Add);
                         }
@@ -282,22 +309,43 @@ impl Fun<'_, '_> {
         (dynamic, addr)
     }
 
-    /// Pushes `(index - low) * weight` after checking the bounds.
-    fn index(&mut self, index: &Expr, bounds: (i64, i64), weight: u32) {
+    /// Pushes `(index - low) * weight` after checking the bounds, or less than that, and the rest is added to `offset`.
+    fn index(&mut self, index: &Expr, bounds: (i64, i64), weight: u32, offset: &mut u32) {
         let elem = self.elem(index.ty);
         let count = bounds.1 - bounds.0 + 1;
-        self.expr(index);
-        let certain = self
-            .range_of(index)
-            .is_some_and(|(low, high)| low >= i128::from(bounds.0) && high <= i128::from(bounds.1));
-        if certain {
-            if val(elem) == ValType::I64 {
+        let (least, most) = (i128::from(bounds.0), i128::from(bounds.1));
+        if let Some((low, high)) = self.range_of(index)
+            && low >= least
+            && high <= most
+        {
+            let (inner, mut constant) = self.apart(index);
+            let mut lowest = self.range_of(inner).map_or(-1, |(low, _)| low);
+            let held = match &inner.kind {
+                ExprKind::Load(place) => self
+                    .ahead_of(place)
+                    .and_then(|ahead| Some((self.local_of(place)?, i64::try_from(ahead).ok()?))),
+                _ => None,
+            };
+            if let Some((_, ahead)) = held {
+                constant += ahead;
+                lowest -= i128::from(ahead);
+            }
+            let mut rest = bounds.0 - constant;
+            if lowest >= 0 {
+                rest = self.take_over(rest, weight, offset);
+            }
+            match held {
+                Some((local, _)) => self.i(I::LocalGet(local)),
+                None => self.expr(inner),
+            }
+            if val(self.elem(inner.ty)) == ValType::I64 {
                 self.i(I::I32WrapI64);
             }
-            self.subtract(bounds.0);
+            self.subtract(rest);
             self.scale(weight);
             return;
         }
+        self.expr(index);
         let kind = SiteKind::Index(bounds.0, bounds.1);
         // UDINT and LINT are checked in 64 bits, so that no wrapped value looks valid.
         let wide = matches!(elem, Elem::Udint | Elem::Lint);
@@ -306,8 +354,8 @@ impl Fun<'_, '_> {
         }
         let ty = if wide { ValType::I64 } else { ValType::I32 };
         let local = self.temp(ty);
+        self.i(I::LocalTee(local));
         if wide {
-            self.i(I::LocalTee(local));
             self.i(I::I64Const(bounds.0));
             self.i(I::I64Sub);
             self.i(I::I64Const(count));
@@ -315,18 +363,46 @@ impl Fun<'_, '_> {
             self.trap_if(kind, index.span, Some((local, Elem::Lint)));
             self.i(I::LocalGet(local));
             self.i(I::I32WrapI64);
-            self.subtract(bounds.0);
         } else {
-            self.i(I::LocalTee(local));
             self.subtract(bounds.0);
             self.i(I::I32Const(count as i32));
             self.i(I::I32GeU);
             self.trap_if(kind, index.span, Some((local, Elem::Dint)));
             self.i(I::LocalGet(local));
-            self.subtract(bounds.0);
         }
+        let rest = if bounds.0 > 0 {
+            self.take_over(bounds.0, weight, offset)
+        } else {
+            bounds.0
+        };
+        self.subtract(rest);
         self.release(local);
         self.scale(weight);
+    }
+
+    /// An index that certainly does not wrap, as an expression that is never negative plus a constant.
+    fn apart<'e>(&self, index: &'e Expr) -> (&'e Expr, i64) {
+        if let ExprKind::Binary(op @ (BinOp::Add | BinOp::Sub), _, left, right) = &index.kind
+            && let (Some((low, _)), Some(by)) = (self.range_of(left), self.only_value(right))
+            && low >= 0
+            && let Ok(by) = i64::try_from(by)
+        {
+            return (left, if *op == BinOp::Sub { -by } else { by });
+        }
+        (index, 0)
+    }
+
+    /// Takes `low * weight` off the offset, so that `low` need not be taken off an index that is never negative. Addresses do not wrap:
+    /// answers what must be taken off the index all the same.
+    fn take_over(&self, low: i64, weight: u32, offset: &mut u32) -> i64 {
+        let moved = i64::from(*offset) - low.saturating_mul(i64::from(weight));
+        match u32::try_from(moved) {
+            Ok(moved) if moved <= i32::MAX as u32 => {
+                *offset = moved;
+                0
+            }
+            _ => low,
+        }
     }
 
     fn subtract(&mut self, low: i64) {
@@ -353,7 +429,13 @@ impl Fun<'_, '_> {
         let bit = Self::bits_of(place);
         let elem = self.whole_elem(place);
         match self.local_of(place) {
-            Some(local) => self.i(I::LocalGet(local)),
+            Some(local) => {
+                self.i(I::LocalGet(local));
+                if let Some(ahead) = self.ahead_of(place) {
+                    self.constant(Value::from_i128(elem, ahead), elem);
+                    self.i(simple(BinOp::Add, elem));
+                }
+            }
             None => match self.known_local(place) {
                 Some(local) => self.i(I::LocalGet(local)),
                 None => {

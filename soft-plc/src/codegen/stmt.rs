@@ -4,29 +4,22 @@ use std::borrow::Cow;
 
 use wasm_encoder::{BlockType, Instruction as I, ValType};
 
-use super::SiteKind;
 use super::expr::simple;
-use super::fun::{Fun, mem, val};
-use crate::check::tree::{Branch, Expr, ExprKind, For, Limits, Place, Root, Stmt, StmtKind};
-use crate::check::visit::visit_writes;
+use super::fun::{Fun, val};
+use super::known::Valid;
+use crate::check::tree::{Branch, Expr, ExprKind, Place, Stmt, StmtKind};
 use crate::diag::Problem;
-use crate::memory::{STOP_AT, STOP_FENCE_AT};
 use crate::source::Span;
-use crate::syntax::ast::BinOp;
+use crate::syntax::ast::{BinOp, UnOp};
 use crate::types::{Elem, TypeKind};
 use crate::value::Value;
 
 /// A CASE with so many ranges is decided by halving: such branches are foreseen better than a jump through a table.
-const TREE_RANGES: std::ops::RangeInclusive<usize> = 4..=16;
+const TREE_RANGES: std::ops::RangeInclusive<usize> = 4..=7;
 /// A CASE becomes a jump table if it has at least this many ranges ...
-const TABLE_VALUES_MIN: usize = 17;
+const TABLE_VALUES_MIN: usize = 8;
 /// ... and they span at most this many numbers.
 const TABLE_SPAN_MAX: i64 = 1024;
-
-/// A FOR loop of so many steps, without loops inside, needs no look at the watchdog ...
-const UNWATCHED_STEPS_MAX: i128 = 256;
-/// ... if each of them runs at most so many statements, those of the POUs that it calls included.
-const UNWATCHED_STATEMENTS_MAX: u64 = 500;
 
 impl Fun<'_, '_> {
     pub fn stmts(&mut self, list: &[Stmt]) {
@@ -72,37 +65,8 @@ impl Fun<'_, '_> {
                 otherwise,
             } => self.case(selector, branches, otherwise),
             StmtKind::For(data) => self.for_loop(data, stmt.span),
-            StmtKind::While(condition, body) => {
-                let start = self.code.len();
-                let exit = self.open(I::Block(BlockType::Empty));
-                let top = self.open(I::Loop(BlockType::Empty));
-                self.watch(stmt.span);
-                self.expr(condition);
-                self.i(I::I32Eqz);
-                self.i(I::BrIf(self.label(exit)));
-                self.labels.push((exit, top));
-                self.stmts(body);
-                self.labels.pop();
-                self.i(I::Br(self.label(top)));
-                self.end_loop(start, stmt.span);
-            }
-            StmtKind::Repeat(body, condition) => {
-                let start = self.code.len();
-                let exit = self.open(I::Block(BlockType::Empty));
-                let top = self.open(I::Loop(BlockType::Empty));
-                self.watch(stmt.span);
-                let next = self.open(I::Block(BlockType::Empty));
-                self.labels.push((exit, next));
-                let stable = self.known.valid.clone();
-                self.stmts(body);
-                self.known.meet(&stable);
-                self.labels.pop();
-                self.close();
-                self.expr(condition);
-                self.i(I::I32Eqz);
-                self.i(I::BrIf(self.label(top)));
-                self.end_loop(start, stmt.span);
-            }
+            StmtKind::While(condition, body) => self.while_loop(condition, body, stmt.span),
+            StmtKind::Repeat(body, condition) => self.repeat_loop(body, condition, stmt.span),
             StmtKind::Exit => {
                 if let Some((exit, _)) = self.labels.last().copied() {
                     self.i(I::Br(self.label(exit)));
@@ -144,47 +108,6 @@ impl Fun<'_, '_> {
         }
     }
 
-    fn end_loop(&mut self, start: usize, span: Span) {
-        self.close();
-        self.close();
-        self.loops.push((start, self.code.len(), span));
-    }
-
-    /// Whether the FOR variable is in a local that its body does not write.
-    fn is_own_counter(&self, data: &For) -> bool {
-        let same = |place: &Place| match (&place.root, &data.var.root) {
-            (Root::Var(a), Root::Var(b)) => a == b,
-            _ => false,
-        };
-        let mut own = data.var.steps.is_empty() && self.local_of(&data.var).is_some();
-        visit_writes(&data.body, &mut |place, _| own &= !same(place));
-        own
-    }
-
-    /// Whether the loop certainly ends so soon that the watchdog can wait for it: few steps, and nothing inside that takes long.
-    fn is_short(&mut self, data: &For) -> bool {
-        let known = constant_of;
-        let (Some(from), Some(to), Some(by)) =
-            (known(&data.from), known(&data.to), known(&data.by))
-        else {
-            return false;
-        };
-        by != 0
-            && (to - from) / by < UNWATCHED_STEPS_MAX
-            && self.is_own_counter(data)
-            && self.m.statements_of(&data.body) <= UNWATCHED_STATEMENTS_MAX
-    }
-
-    /// At the top of a loop: ends the scan when the watchdog wants it.
-    fn watch(&mut self, span: Span) {
-        self.i(I::I32Const(0));
-        self.i(I::I32Const(0));
-        self.i(I::I32Store(mem(STOP_FENCE_AT, 2)));
-        self.i(I::I32Const(0));
-        self.i(I::I32Load(mem(STOP_AT, 2)));
-        self.trap_if(SiteKind::EndlessLoop, span, None);
-    }
-
     fn assign(&mut self, place: &Place, value: &Expr) {
         if self.m.project.types.text(place.ty).is_some() {
             self.assign_text(place, value);
@@ -205,23 +128,53 @@ impl Fun<'_, '_> {
     }
 
     fn if_chain(&mut self, branches: &[(Expr, Vec<Stmt>)], otherwise: &[Stmt]) {
+        let end = self.open(I::Block(BlockType::Empty));
         let mut ends = Vec::new();
-        for (index, (condition, body)) in branches.iter().enumerate() {
-            self.expr(condition);
-            self.open(I::If(BlockType::Empty));
-            let before = self.known.valid.clone();
+        for (condition, body) in branches {
+            let next = self.open(I::Block(BlockType::Empty));
+            let skipped = self.jump(condition, false, next);
             self.stmts(body);
-            ends.push(std::mem::replace(&mut self.known.valid, before));
-            if index + 1 < branches.len() || !otherwise.is_empty() {
-                self.i(I::Else);
-            }
+            ends.push(std::mem::replace(&mut self.known.valid, skipped));
+            self.i(I::Br(self.label(end)));
+            self.close();
         }
         self.stmts(otherwise);
         for end in ends {
             self.known.meet(&end);
         }
-        for _ in branches {
-            self.close();
+        self.close();
+    }
+
+    /// Goes to the block of this depth if the condition is `when`. The parts of AND and OR jump on their own: conditions of control
+    /// logic change seldom, so that jumps are foreseen, and what comes behind the first of them need not be evaluated.
+    /// Answers what is known wherever the jump is taken.
+    fn jump(&mut self, condition: &Expr, when: bool, target: u32) -> Valid {
+        match &condition.kind {
+            ExprKind::Unary(UnOp::Not, inner) => self.jump(inner, !when, target),
+            ExprKind::Binary(op @ (BinOp::And | BinOp::Or), Elem::Bool, left, right) => {
+                // AND is false, and OR true, as soon as its left side is.
+                let deciding = *op == BinOp::Or;
+                if when == deciding {
+                    let first = self.jump(left, when, target);
+                    let mut both = self.jump(right, when, target);
+                    both.retain(|cell| first.contains(cell));
+                    return both;
+                }
+                let past = self.open(I::Block(BlockType::Empty));
+                let first = self.jump(left, deciding, past);
+                let taken = self.jump(right, when, target);
+                self.close();
+                self.known.meet(&first);
+                taken
+            }
+            _ => {
+                self.expr(condition);
+                if !when {
+                    self.i(I::I32Eqz);
+                }
+                self.i(I::BrIf(self.label(target)));
+                self.known.valid.clone()
+            }
         }
     }
 
@@ -313,7 +266,14 @@ impl Fun<'_, '_> {
             ranges.extend(list.iter().map(|(low, high)| (*low, *high, target)));
         }
         ranges.sort_unstable();
-        self.decide(local, elem, &ranges, innermost - branches.len() as u32);
+        let limits = elem.limits().unwrap_or((i128::MIN, i128::MAX));
+        self.decide(
+            local,
+            elem,
+            &ranges,
+            innermost - branches.len() as u32,
+            limits,
+        );
         self.close_branches(exit, branches, otherwise);
     }
 
@@ -333,22 +293,35 @@ impl Fun<'_, '_> {
         self.i(I::I32And);
     }
 
-    /// Goes to the block of the range that the value lies in, or to `otherwise`. The ranges ascend.
-    fn decide(&mut self, local: u32, elem: Elem, ranges: &[(i64, i64, u32)], otherwise: u32) {
+    /// Goes to the block of the range that the value lies in, or to `otherwise`. The ranges ascend; the value is known to lie
+    /// between the limits.
+    fn decide(
+        &mut self,
+        local: u32,
+        elem: Elem,
+        ranges: &[(i64, i64, u32)],
+        otherwise: u32,
+        limits: (i128, i128),
+    ) {
         if let [(low, high, target)] = ranges {
+            if limits.0 >= i128::from(*low) && limits.1 <= i128::from(*high) {
+                self.i(I::Br(self.label(*target)));
+                return;
+            }
             self.is_within(local, elem, *low, *high);
             self.i(I::BrIf(self.label(*target)));
             self.i(I::Br(self.label(otherwise)));
             return;
         }
         let (lower, upper) = ranges.split_at(ranges.len() / 2);
+        let pivot = i128::from(upper[0].0);
         self.i(I::LocalGet(local));
-        self.constant(Value::from_i128(elem, i128::from(upper[0].0)), elem);
+        self.constant(Value::from_i128(elem, pivot), elem);
         self.i(simple(BinOp::Lt, elem));
         self.open(I::If(BlockType::Empty));
-        self.decide(local, elem, lower, otherwise);
+        self.decide(local, elem, lower, otherwise, (limits.0, pivot - 1));
         self.close();
-        self.decide(local, elem, upper, otherwise);
+        self.decide(local, elem, upper, otherwise, (pivot, limits.1));
     }
 
     fn case_chain(&mut self, local: u32, elem: Elem, branches: &[Branch], otherwise: &[Stmt]) {
@@ -376,165 +349,6 @@ impl Fun<'_, '_> {
             self.known.meet(&end);
         }
         self.close();
-    }
-
-    /// The end and the step are evaluated once. A loop up to the largest value of its type ends: the distance to the end is
-    /// tested before the step is added, where adding it could wrap.
-    fn for_loop(&mut self, data: &For, span: Span) {
-        let elem = self.elem(data.var.ty);
-        let ty = val(elem);
-        let wide = ty == ValType::I64;
-        let stable = self.known.valid.clone();
-        self.store(&data.var, |f| f.expr(&data.from));
-        let known = constant_of;
-        let end = known(&data.to).is_none().then(|| self.spill(&data.to));
-        let step = known(&data.by).is_none().then(|| self.spill(&data.by));
-        // If nothing but the loop writes the variable, its first value is tested once, and each next one where it is made.
-        let own = self.is_own_counter(data);
-        let start = self.code.len();
-        let exit = self.open(I::Block(BlockType::Empty));
-
-        let push_end = |f: &mut Self| match end {
-            Some(local) => f.i(I::LocalGet(local)),
-            None => f.expr(&data.to),
-        };
-        let push_step = |f: &mut Self| match step {
-            Some(local) => f.i(I::LocalGet(local)),
-            None => f.expr(&data.by),
-        };
-        let zero = if wide { I::I64Const(0) } else { I::I32Const(0) };
-        let subtract = if wide { I::I64Sub } else { I::I32Sub };
-        let below = if wide { I::I64LtU } else { I::I32LtU };
-        let upwards = known(&data.by).map(|s| s > 0);
-
-        // Past the end?
-        let push_past = |f: &mut Self, up: bool| {
-            f.load(&data.var);
-            push_end(f);
-            f.i(simple(if up { BinOp::Gt } else { BinOp::Lt }, elem));
-        };
-        // Does the next step go past the end? With the value in `local`.
-        let push_last = |f: &mut Self, up: bool, local: u32| {
-            if up {
-                push_end(f);
-                f.i(I::LocalGet(local));
-            } else {
-                f.i(I::LocalGet(local));
-                push_end(f);
-            }
-            f.i(subtract.clone());
-            if up {
-                push_step(f);
-            } else {
-                f.i(zero.clone());
-                push_step(f);
-                f.i(subtract.clone());
-            }
-            f.i(below.clone());
-        };
-        let either = |f: &mut Self, up: &dyn Fn(&mut Self, bool)| match upwards {
-            Some(direction) => up(f, direction),
-            None => f.aside(|f| {
-                push_step(f);
-                f.i(zero.clone());
-                f.i(simple(BinOp::Ge, elem));
-                f.open(I::If(BlockType::Result(ValType::I32)));
-                up(f, true);
-                f.i(I::Else);
-                up(f, false);
-                f.close();
-            }),
-        };
-        let runs = match (known(&data.from), known(&data.to), upwards) {
-            (Some(from), Some(to), Some(up)) => from == to || (from < to) == up,
-            _ => false,
-        };
-        if own && !runs {
-            either(self, &push_past);
-            self.i(I::BrIf(self.label(exit)));
-        }
-        // What the limits have read may be written by the body.
-        self.known.meet(&stable);
-        let top = self.open(I::Loop(BlockType::Empty));
-        if !self.is_short(data) {
-            self.watch(span);
-        }
-        if !own {
-            either(self, &push_past);
-            self.i(I::BrIf(self.label(exit)));
-        }
-        self.check_counter(data);
-        let next = self.open(I::Block(BlockType::Empty));
-        self.labels.push((exit, next));
-        // The steps lie between the first value and the last, whichever way the loop goes.
-        let step_known = known(&data.by).is_some();
-        let to = known(&data.to).filter(|_| step_known);
-        let ranged = self.note_range(&data.var, known(&data.from), to, &data.body);
-        self.stmts(&data.body);
-        self.known.meet(&stable);
-        if let Some(var) = ranged {
-            self.ranges.remove(&var);
-        }
-        self.labels.pop();
-        self.close();
-        let limits = elem.limits().unwrap_or((0, 0));
-        let cannot_wrap = match (known(&data.to), known(&data.by)) {
-            (Some(to), Some(by)) if own => (limits.0..=limits.1).contains(&(to + by)),
-            _ => false,
-        };
-        // Has the step wrapped? The body may have brought the variable to anything.
-        let push_wrapped = |f: &mut Self, up: bool, before: u32| {
-            f.load(&data.var);
-            f.i(I::LocalGet(before));
-            f.i(simple(if up { BinOp::Lt } else { BinOp::Gt }, elem));
-        };
-        let current = self.temp(ty);
-        self.load(&data.var);
-        self.i(I::LocalSet(current));
-        self.store(&data.var, |f| {
-            f.i(I::LocalGet(current));
-            push_step(f);
-            f.i(simple(BinOp::Add, elem));
-            if !cannot_wrap {
-                f.normalise_integer(elem);
-            }
-        });
-        if cannot_wrap {
-            either(self, &push_past);
-        } else if own {
-            either(self, &|f, up| push_last(f, up, current));
-        } else {
-            either(self, &|f, up| push_wrapped(f, up, current));
-        }
-        self.i(I::I32Eqz);
-        self.i(I::BrIf(self.label(top)));
-        self.release(current);
-        self.end_loop(start, span);
-        for local in [end, step].into_iter().flatten() {
-            self.release(local);
-        }
-    }
-
-    /// A FOR variable of a subrange keeps to it while the body runs; behind the loop it stands one step further.
-    fn check_counter(&mut self, data: &For) {
-        let TypeKind::Subrange { lo, hi, .. } = *self.m.project.types.kind(data.var.ty) else {
-            return;
-        };
-        let elem = self.elem(data.var.ty);
-        let value = Expr {
-            kind: ExprKind::Load(Box::new(data.var.clone())),
-            ty: data.var.ty,
-            span: data.var.span,
-        };
-        self.expr(&value);
-        self.check(elem, &Limits::Range(lo, hi), &value);
-        self.i(I::Drop);
-    }
-
-    fn normalise_integer(&mut self, elem: Elem) {
-        if val(elem) == ValType::I32 {
-            self.normalise(elem);
-        }
     }
 
     fn copy_region(&mut self, name: &str, array: &Place, to_bytes: bool, span: Span) {
@@ -584,11 +398,4 @@ fn are_apart(ranges: &[(i64, i64)]) -> bool {
     sorted.sort_unstable();
     sorted.iter().all(|(low, high)| low <= high)
         && sorted.windows(2).all(|pair| pair[0].1 < pair[1].0)
-}
-
-fn constant_of(expr: &Expr) -> Option<i128> {
-    match &expr.kind {
-        ExprKind::Const(value) => value.as_i128(),
-        _ => None,
-    }
 }

@@ -1,12 +1,13 @@
 //! One running MC: its memory, and the call that scans it.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
 
 use wasmtime::{Memory, Store, TypedFunc};
 
 use crate::codegen::{CompiledMc, MEMORY_EXPORT, SCAN_EXPORT};
 use crate::layout::{Layout, Region, TypeNode, VariableInfo};
-use crate::memory::{MC_TIME_AT, STOP_AT, SYSTEM_BYTES, TRAP_SITE_AT};
+use crate::memory::{MC_TIME_AT, STOP_AT, TRAP_SITE_AT};
 use crate::runtime::engine::{Engine, Interruption, Module, RuntimeError};
 use crate::runtime::trap::{self, Trap};
 use crate::runtime::watchdog::{Watch, Watchdog};
@@ -31,6 +32,9 @@ pub enum WriteError {
 pub struct Instance {
     store: Store<()>,
     memory: Memory,
+    /// Where the memory begins, with its system area. It has its largest size from the beginning, so that it stays where it is until
+    /// the store goes; asking the store for it takes as long as the call of a scan.
+    base: AtomicPtr<u8>,
     scan: TypedFunc<(), ()>,
     mc: Arc<CompiledMc>,
     interruption: Interruption,
@@ -58,16 +62,18 @@ impl Instance {
         let scan = instance
             .get_typed_func(&mut store, SCAN_EXPORT)
             .map_err(fail)?;
+        let base = memory.data_ptr(&store);
         let watched = (engine.options.interruption == Interruption::Epoch).then(|| {
-            let stop = memory.data_ptr(&store).wrapping_add(STOP_AT as usize);
-            // SAFETY: the memory has its largest size from the beginning, so that it stays where it is until the store goes,
-            // and `drop` forgets the watch before; while a scan runs nothing here refers to the memory.
+            let stop = base.wrapping_add(STOP_AT as usize);
+            // SAFETY: the memory stays where it is until the store goes, and `drop` forgets the watch before; while a scan runs
+            // nothing here refers to the memory.
             let watch = unsafe { engine.watchdog.watch(stop.cast()) };
             (engine.watchdog.clone(), watch)
         });
         Ok(Self {
             store,
             memory,
+            base: AtomicPtr::new(base),
             scan,
             mc: module.mc.clone(),
             interruption: engine.options.interruption,
@@ -81,10 +87,16 @@ impl Instance {
     /// One host call; nothing is allocated unless it traps. After a trap the memory is half updated: the caller restores the
     /// regions, and may go on with the instance.
     pub fn scan(&mut self, mc_time_ns: i64, budget_ticks: u64) -> Result<(), Trap> {
-        let system = &mut self.memory.data_mut(&mut self.store)[..SYSTEM_BYTES as usize];
-        system[MC_TIME_AT as usize..][..8].copy_from_slice(&mc_time_ns.to_le_bytes());
-        // The watchdog may have written it when the scan before had already ended.
-        system[STOP_AT as usize..][..4].fill(0);
+        let base = *self.base.get_mut();
+        // SAFETY: `new` says why `base` is valid; both words lie in the system area, which every memory has, aligned to 8 bytes, and
+        // nothing else refers to it while `self` is borrowed but the watchdog, to the second one.
+        unsafe {
+            let time = base.add(MC_TIME_AT as usize).cast::<i64>();
+            time.write(mc_time_ns.to_le());
+            // The watchdog may have written it when the scan before had already ended.
+            let stop = base.add(STOP_AT as usize).cast::<u32>();
+            AtomicU32::from_ptr(stop).store(0, Ordering::Relaxed);
+        }
         if let Interruption::Fuel(amount) = self.interruption {
             // Only fails in an engine without fuel.
             let _ = self.store.set_fuel(amount);

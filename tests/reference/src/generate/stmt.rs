@@ -225,7 +225,10 @@ impl World {
         let name = scope.counters[number].clone();
         let t = COUNTER_TYPES[number % COUNTER_TYPES.len()];
         let (low, high) = crate::value::limits(t);
-        let (head, _) = match self.random.below(5) {
+        if t.is_signed() && self.random.chance(30) && self.array_loop(scope, depth, &name, t, out) {
+            return;
+        }
+        let (head, _) = match self.random.below(6) {
             0 => {
                 self.note("FOR at the limit of its type");
                 (format!("{} TO {high} BY 2", high - 5), ())
@@ -262,6 +265,15 @@ impl World {
                 ),
                 (),
             ),
+            4 => {
+                self.note("FOR of many steps");
+                let from = self.random.within(0, 9);
+                let by = self.random.within(1, 3);
+                (
+                    format!("{from} TO {} BY {by}", from + self.random.within(7, 30)),
+                    (),
+                )
+            }
             _ => (
                 format!(
                     "{} TO {}",
@@ -302,6 +314,59 @@ impl World {
             body,
             "END_FOR;",
         ));
+    }
+
+    /// A loop over all elements of an array, whose index is the counter plus a number, upwards or downwards. Answers whether there is an array.
+    fn array_loop(
+        &mut self,
+        scope: &mut Scope,
+        depth: u32,
+        name: &str,
+        t: Elem,
+        out: &mut Vec<Piece>,
+    ) -> bool {
+        let arrays = |l: &super::scope::Leaf| {
+            l.write && matches!(&l.ty, Ty::Array(_, dims) if dims.len() == 1)
+        };
+        let Some((text, leaf)) = self.place(scope, 0, arrays) else {
+            return false;
+        };
+        let Ty::Array(elem, dims) = leaf.ty else {
+            return false;
+        };
+        if !matches!(*elem, Ty::El(_)) {
+            return false;
+        }
+        self.note("FOR over an array");
+        let ahead = self.random.within(-3, 3);
+        let (low, high) = (i64::from(dims[0].0) - ahead, i64::from(dims[0].1) - ahead);
+        let head = match self.random.below(3) {
+            0 => format!("{high} TO {low} BY -1"),
+            1 => format!("{low} TO {high} BY 2"),
+            _ => format!("{low} TO {high}"),
+        };
+        let index = match ahead {
+            0 => name.to_owned(),
+            n if n > 0 => format!("{name} + {n}"),
+            n => format!("{name} - {}", -n),
+        };
+        scope.counters_used += 1;
+        scope.loops += 1;
+        let known = scope.leaves.len();
+        self.enter(scope, name, &Ty::El(t), false, false);
+        self.enter(scope, &format!("{text}[{index}]"), &elem, true, false);
+        let mut body = self.few(scope, depth);
+        let value = self.expr(scope, &elem, 2);
+        body.push(Piece::line(format!("{text}[{index}] := {value};")));
+        scope.leaves.truncate(known);
+        scope.loops -= 1;
+        scope.counters_used -= 1;
+        out.push(Piece::block(
+            format!("FOR {name} := {head} DO"),
+            body,
+            "END_FOR;",
+        ));
+        true
     }
 
     fn while_loop(&mut self, scope: &mut Scope, depth: u32, out: &mut Vec<Piece>) {
