@@ -11,7 +11,7 @@
 //! - `%M` variables lie behind the first region, byte by byte as they are addressed.
 //! - Structures and function block instances are contiguous, in the order of declaration, aligned as their widest cell.
 //!   VAR_IN_OUT, VAR_TEMP and constants take no place in an instance.
-//! - Linear memory: the system area (`MC_TIME_AT`, `TRAP_SITE_AT`, `TRAP_DETAIL_AT`, `STOP_AT`), inputs, outputs, the named regions in
+//! - Linear memory: the system area (`MC_TIME_AT`, `TRAP_SITE_AT`, `TRAP_DETAIL_AT`, `STOP_AT`, `SCAN_NUMBER_AT`), inputs, outputs, the named regions in
 //!   the order of the specification, region `work`, constants, scratch. Each starts at a multiple of 8.
 //! - Inputs and outputs are images of the process: BOOLs are bits, `%IW n` are bytes 2n and 2n+1, and so on.
 
@@ -25,10 +25,12 @@ pub const MC_TIME_AT: u32 = 0;
 pub const TRAP_SITE_AT: u32 = 8;
 /// The value that caused the trap (an index, a value out of range), i64.
 pub const TRAP_DETAIL_AT: u32 = 16;
-/// Not 0 while the watchdog wants the scan to end, u32: loops look at it.
+/// Number of the scan that the watchdog wants to end, u32: loops look at it.
 pub const STOP_AT: u32 = 24;
 /// Written by loops that look at `STOP_AT`, so that no compiler takes what it read before for what stands there now.
 pub const STOP_FENCE_AT: u32 = 28;
+/// Number of the scan that runs, u32, written by the host before each scan; never 0.
+pub const SCAN_NUMBER_AT: u32 = 32;
 /// Length of the system area.
 pub const SYSTEM_BYTES: u32 = 64;
 /// Largest linear memory of one MC.

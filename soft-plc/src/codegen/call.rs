@@ -295,7 +295,7 @@ impl Fun<'_, '_> {
             .instance
             .as_ref()
             .zip(base.as_ref())
-            .filter(|_| self.is_put_in_place(call));
+            .filter(|_| self.weight_in_place(call).is_some());
         let seen = in_place.map(|(place, _)| place);
         for (parameter, value) in &call.inputs {
             self.set_input(base.as_ref(), seen, *parameter, value);

@@ -30,7 +30,11 @@ impl Fun<'_, '_> {
             }
             ExprKind::Convert(inner) => {
                 self.expr(inner);
-                self.convert(self.elem(inner.ty), self.elem(expr.ty), expr.span);
+                let (from, to) = (self.elem(inner.ty), self.elem(expr.ty));
+                let as_it_is = val(from) == val(to) && self.range_of(expr).is_some();
+                if !as_it_is {
+                    self.convert(from, to, expr.span);
+                }
             }
             ExprKind::Check(inner, limits) => {
                 self.expr(inner);

@@ -81,6 +81,8 @@ pub struct Fun<'m, 'p> {
     /// FOR variables that are so much ahead of their local: the local is brought up to date once a round.
     pub ahead: BTreeMap<VarId, i128>,
     pub known: Known,
+    /// Local with the number of the scan, inside loops that are watched.
+    pub scan_number: Option<u32>,
     /// The function block instance whose variables are meant.
     pub instance: Instance,
     /// Nodes of function blocks whose statements stand in the place of their calls.
@@ -189,6 +191,7 @@ impl<'m, 'p> Fun<'m, 'p> {
             ranges: BTreeMap::new(),
             ahead: BTreeMap::new(),
             known: Known::default(),
+            scan_number: None,
             instance: Instance::parameter(),
             put_in_place: 0,
         };

@@ -16,6 +16,7 @@ use crate::check::tree::{
 use crate::check::visit::{Node, visit, visit_places, visit_writes};
 use crate::memory::is_kept;
 use crate::syntax::ast::{BinOp, PouKind, VarSection};
+use crate::types::Elem;
 
 /// How many variables one loop may hold: more than registers are of no use.
 const HELD_MAX: usize = 24;
@@ -361,7 +362,12 @@ impl Fun<'_, '_> {
             ExprKind::Load(place) if place.steps.is_empty() => {
                 self.ranges.get(&whole_var(place)?).copied()
             }
-            ExprKind::Convert(inner) if self.elem(inner.ty).is_int() => self.range_of(inner),
+            ExprKind::Convert(inner) if is_whole(self.elem(inner.ty)) => self.range_of(inner),
+            // A mask leaves nothing above it, and no sign.
+            ExprKind::Binary(BinOp::And, of, _, right) if is_whole(*of) => {
+                let mask = self.only_value(right).filter(|m| *m >= 0)?;
+                Some((0, mask))
+            }
             ExprKind::Binary(BinOp::Mod, of, _, right) => {
                 let ExprKind::Const(n) = &right.kind else {
                     return None;
@@ -386,4 +392,9 @@ impl Fun<'_, '_> {
         let (lo, hi) = elem.limits()?;
         (range.0 >= lo && range.1 <= hi).then_some(range)
     }
+}
+
+/// Whether values are whole numbers or bit strings.
+fn is_whole(elem: Elem) -> bool {
+    elem.is_int() || (elem.is_bit() && elem != Elem::Bool)
 }

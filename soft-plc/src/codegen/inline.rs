@@ -5,7 +5,7 @@ use wasm_encoder::{BlockType, Instruction as I, ValType};
 
 use super::fun::{Fun, Slot};
 use super::known::Part;
-use super::loops::{returns, weight};
+use super::loops::returns;
 use super::place::Kept;
 use crate::check::tree::{Invocation, Place, PouId, VarId};
 use crate::syntax::ast::{PouKind, VarSection};
@@ -39,22 +39,24 @@ impl Instance {
 }
 
 impl Fun<'_, '_> {
-    /// Whether the statements of the function block are put in the place of the call.
-    pub fn is_put_in_place(&self, call: &Invocation) -> bool {
+    /// How much code the call makes if the statements of the function block are put in its place; else it stays a call.
+    pub fn weight_in_place(&self, call: &Invocation) -> Option<u64> {
         let project = self.m.project;
-        call.instance.is_some()
-            && project.pou(call.pou).kind == PouKind::FunctionBlock
-            && weight(project.body(call.pou))
-                .checked_add(self.put_in_place)
-                .is_some_and(|all| all <= ALL_NODES_MAX)
-            && weight(project.body(call.pou)) <= NODES_MAX
+        // What calls others is left to the compiler behind this one, which puts their code in place as well.
+        let calls = project.pou(call.pou).calls.is_empty();
+        if call.instance.is_none() || !calls || project.pou(call.pou).kind != PouKind::FunctionBlock
+        {
+            return None;
+        }
+        let weight = self.weight(project.body(call.pou));
+        (weight <= NODES_MAX && self.put_in_place + weight <= ALL_NODES_MAX).then_some(weight)
     }
 
     /// The statements of the function block, when the inputs are set. The addresses of its VAR_IN_OUTs are on the stack.
     pub fn put_in_place(&mut self, call: &Invocation, place: &Place, base: &Kept) {
         let project = self.m.project;
         let body = project.body(call.pou);
-        self.put_in_place += weight(body);
+        self.put_in_place += self.weight(body);
         let passed = self.take_addresses(call.pou);
         let instance = self.named_instance(call, place, base);
         let outer = std::mem::replace(&mut self.instance, instance);

@@ -6,9 +6,10 @@ use super::SiteKind;
 use super::expr::simple;
 use super::fun::{Fun, mem, val};
 use super::hold::whole_var;
+use crate::check::stdfun::Signature;
 use crate::check::tree::{Expr, ExprKind, For, Limits, Place, Root, Stmt, StmtKind};
 use crate::check::visit::{Node, visit, visit_writes};
-use crate::memory::{STOP_AT, STOP_FENCE_AT};
+use crate::memory::{SCAN_NUMBER_AT, STOP_AT, STOP_FENCE_AT};
 use crate::source::Span;
 use crate::syntax::ast::BinOp;
 use crate::types::{Elem, TypeKind};
@@ -19,7 +20,7 @@ const UNWATCHED_STATEMENTS_MAX: u64 = 128_000;
 /// A FOR loop is written out step by step if that makes at most so many nodes of the tree ...
 const WRITTEN_OUT_NODES_MAX: u64 = 500;
 /// ... and several steps are written into each round of a longer one if they make at most so many.
-const ROUND_NODES_MAX: u64 = 160;
+const ROUND_NODES_MAX: u64 = 260;
 /// Steps of a round.
 const ROUND_STEPS: [i128; 2] = [4, 2];
 /// Steps of a loop that is written out although its statements only compute.
@@ -42,6 +43,7 @@ impl Course {
 
 impl Fun<'_, '_> {
     pub fn while_loop(&mut self, condition: &Expr, body: &[Stmt], span: Span) {
+        let outermost = self.watching();
         let start = self.code.len();
         let exit = self.open(I::Block(BlockType::Empty));
         let top = self.open(I::Loop(BlockType::Empty));
@@ -54,9 +56,11 @@ impl Fun<'_, '_> {
         self.labels.pop();
         self.i(I::Br(self.label(top)));
         self.end_loop(start, span);
+        self.watched(outermost);
     }
 
     pub fn repeat_loop(&mut self, body: &[Stmt], condition: &Expr, span: Span) {
+        let outermost = self.watching();
         let start = self.code.len();
         let exit = self.open(I::Block(BlockType::Empty));
         let top = self.open(I::Loop(BlockType::Empty));
@@ -72,6 +76,7 @@ impl Fun<'_, '_> {
         self.i(I::I32Eqz);
         self.i(I::BrIf(self.label(top)));
         self.end_loop(start, span);
+        self.watched(outermost);
     }
 
     fn end_loop(&mut self, start: usize, span: Span) {
@@ -135,13 +140,38 @@ impl Fun<'_, '_> {
         })
     }
 
+    /// Before a loop that is watched: brings the number of this scan into a local, if an outer loop has not. What it answers goes to
+    /// `watched` behind the loop.
+    fn watching(&mut self) -> bool {
+        if self.scan_number.is_some() {
+            return false;
+        }
+        let local = self.temp(ValType::I32);
+        self.i(I::I32Const(0));
+        self.i(I::I32Load(mem(SCAN_NUMBER_AT, 2)));
+        self.i(I::LocalSet(local));
+        self.scan_number = Some(local);
+        true
+    }
+
+    fn watched(&mut self, outermost: bool) {
+        if outermost && let Some(local) = self.scan_number.take() {
+            self.release(local);
+        }
+    }
+
     /// At the top of a loop: ends the scan when the watchdog wants it.
     fn watch(&mut self, span: Span) {
+        let Some(number) = self.scan_number else {
+            return;
+        };
         self.i(I::I32Const(0));
         self.i(I::I32Const(0));
         self.i(I::I32Store(mem(STOP_FENCE_AT, 2)));
         self.i(I::I32Const(0));
         self.i(I::I32Load(mem(STOP_AT, 2)));
+        self.i(I::LocalGet(number));
+        self.i(I::I32Eq);
         self.trap_if(SiteKind::EndlessLoop, span, None);
     }
 
@@ -160,15 +190,17 @@ impl Fun<'_, '_> {
         if course.steps == 0 {
             return;
         }
-        let per_round = steps_of_round(course.steps, &data.body);
+        let per_round = self.steps_of_round(course.steps, &data.body);
         let rounds = course.steps / per_round;
         let start = self.code.len();
         let exit = self.open(I::Block(BlockType::Empty));
         let written_out = if rounds > 1 { rounds * per_round } else { 0 };
         if rounds > 1 {
             let stable = self.known.valid.clone();
+            let short = self.is_short(course, &data.body);
+            let outermost = !short && self.watching();
             let top = self.open(I::Loop(BlockType::Empty));
-            if !self.is_short(course, &data.body) {
+            if !short {
                 self.watch(span);
             }
             // Who leaves early needs the variable as it is.
@@ -202,6 +234,7 @@ impl Fun<'_, '_> {
             self.i(simple(before, elem));
             self.i(I::BrIf(self.label(top)));
             self.close();
+            self.watched(outermost);
             self.known.meet(&stable);
         }
         for n in written_out..course.steps {
@@ -211,6 +244,41 @@ impl Fun<'_, '_> {
         }
         self.close();
         self.loops.push((start, self.code.len(), span));
+    }
+
+    /// How many steps are written into one round of a loop; all of them, if it is to be no loop.
+    fn steps_of_round(&self, steps: i128, body: &[Stmt]) -> i128 {
+        let weight = self.weight(body);
+        let nodes = |n: i128| u64::try_from(n).map_or(u64::MAX, |n| n.saturating_mul(weight));
+        if nodes(steps) <= WRITTEN_OUT_NODES_MAX && (steps <= PURE_STEPS_MAX || acts(body)) {
+            return steps;
+        }
+        ROUND_STEPS
+            .into_iter()
+            .find(|n| *n < steps && nodes(*n) <= ROUND_NODES_MAX)
+            .unwrap_or(1)
+    }
+
+    /// How much code the statements make, in nodes of the tree; without end where the time goes into loops, calls and strings.
+    pub fn weight(&self, body: &[Stmt]) -> u64 {
+        let mut nodes = 0u64;
+        visit(body, &mut |node| {
+            nodes = nodes.saturating_add(match node {
+                Node::Stmt(stmt) => match &stmt.kind {
+                    // Branches of CASE are foreseen worse when they stand in several copies.
+                    StmtKind::For(_)
+                    | StmtKind::While(..)
+                    | StmtKind::Repeat(..)
+                    | StmtKind::Case { .. } => u64::MAX,
+                    StmtKind::Invoke(call) => self.weight_in_place(call).unwrap_or(u64::MAX),
+                    _ => 1,
+                },
+                Node::Call(_) => u64::MAX,
+                Node::Expr(expr) if is_long(expr) => u64::MAX,
+                Node::Place(_) | Node::Expr(_) => 1,
+            });
+        });
+        nodes
     }
 
     /// The body once, with the variable in this range.
@@ -248,6 +316,7 @@ impl Fun<'_, '_> {
         let step = known(&data.by).is_none().then(|| self.spill(&data.by));
         // If nothing but the loop writes the variable, its first value is tested once, and each next one where it is made.
         let own = self.is_own_counter(data);
+        let outermost = self.watching();
         let start = self.code.len();
         let exit = self.open(I::Block(BlockType::Empty));
 
@@ -365,6 +434,7 @@ impl Fun<'_, '_> {
         self.i(I::BrIf(self.label(top)));
         self.release(current);
         self.end_loop(start, span);
+        self.watched(outermost);
         for local in [end, step].into_iter().flatten() {
             self.release(local);
         }
@@ -400,37 +470,13 @@ fn constant_of(expr: &Expr) -> Option<i128> {
     }
 }
 
-/// How many steps are written into one round of a loop; all of them, if it is to be no loop.
-fn steps_of_round(steps: i128, body: &[Stmt]) -> i128 {
-    let weight = weight(body);
-    let nodes = |n: i128| u64::try_from(n).map_or(u64::MAX, |n| n.saturating_mul(weight));
-    if nodes(steps) <= WRITTEN_OUT_NODES_MAX && (steps <= PURE_STEPS_MAX || acts(body)) {
-        return steps;
+/// Whether the expression is a string, or computed outside of the module.
+fn is_long(expr: &Expr) -> bool {
+    match &expr.kind {
+        ExprKind::Text(_) | ExprKind::Binary(BinOp::Pow, ..) => true,
+        ExprKind::Std(fun, _) => matches!(fun.signature(), Signature::Real | Signature::Real2),
+        _ => false,
     }
-    ROUND_STEPS
-        .into_iter()
-        .find(|n| *n < steps && nodes(*n) <= ROUND_NODES_MAX)
-        .unwrap_or(1)
-}
-
-/// How much code the statements make, in nodes of the tree; without end where the time goes into loops, calls and strings.
-pub fn weight(body: &[Stmt]) -> u64 {
-    let mut nodes = 0u64;
-    visit(body, &mut |node| {
-        nodes = nodes.saturating_add(match node {
-            Node::Stmt(stmt) => match stmt.kind {
-                StmtKind::For(_)
-                | StmtKind::While(..)
-                | StmtKind::Repeat(..)
-                | StmtKind::Invoke(_) => u64::MAX,
-                _ => 1,
-            },
-            Node::Call(_) => u64::MAX,
-            Node::Expr(expr) if matches!(expr.kind, ExprKind::Text(_)) => u64::MAX,
-            Node::Place(_) | Node::Expr(_) => 1,
-        });
-    });
-    nodes
 }
 
 /// Whether the statements branch or write to elements and fields. Of others the compiler behind this one does all loads first, and

@@ -156,8 +156,8 @@ struct State<'p> {
     referenced: BTreeSet<VarId>,
     /// Characters of the longest STRING and WSTRING that a VAR_IN_OUT may be.
     passed_texts: [u32; 2],
-    /// String constants, by width and characters.
-    texts: BTreeMap<(bool, Vec<u16>), u32>,
+    /// Constants that code reads from memory.
+    constants: BTreeMap<Vec<u8>, u32>,
     dispatchers: Vec<dispatch::Dispatcher>,
 }
 
@@ -190,25 +190,29 @@ impl<'p> State<'p> {
             statements: BTreeMap::new(),
             referenced: hold::referenced(project),
             passed_texts: hold::passed_texts(project),
-            texts: BTreeMap::new(),
+            constants: BTreeMap::new(),
             dispatchers: Vec::new(),
         }
     }
 
     /// The address of the characters of a string constant.
     fn text_constant(&mut self, wide: bool, units: &[u16]) -> u32 {
-        let key = (wide, units.to_vec());
-        if let Some(at) = self.texts.get(&key) {
-            return *at;
-        }
         let bytes: Vec<u8> = if wide {
             units.iter().flat_map(|u| u.to_le_bytes()).collect()
         } else {
             units.iter().map(|u| *u as u8).collect()
         };
+        self.data_constant(&bytes)
+    }
+
+    /// The address of a constant that code reads.
+    fn data_constant(&mut self, bytes: &[u8]) -> u32 {
+        if let Some(at) = self.constants.get(bytes) {
+            return *at;
+        }
         let at = self.allocate(bytes.len() as u64);
-        self.data.push((at, bytes));
-        self.texts.insert(key, at);
+        self.data.push((at, bytes.to_vec()));
+        self.constants.insert(bytes.to_vec(), at);
         at
     }
 

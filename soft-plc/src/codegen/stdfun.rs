@@ -161,20 +161,37 @@ impl Fun<'_, '_> {
         };
         // With a bound that is neither 0 nor a NaN, a comparison that keeps the value in doubt (NaN) does what the
         // instructions of Wasm do, and has one of the processor's own.
-        let local = self.temp(val(elem));
+        let (local, limit) = (self.temp(val(elem)), self.temp(val(elem)));
         self.i(I::LocalSet(local));
-        self.constant(bound, elem);
+        self.stored_constant(bound, elem);
+        self.i(I::LocalTee(limit));
         self.i(I::LocalGet(local));
-        if larger {
-            self.i(I::LocalGet(local));
-            self.constant(bound, elem);
+        let order = if larger {
+            [local, limit]
         } else {
-            self.constant(bound, elem);
-            self.i(I::LocalGet(local));
+            [limit, local]
+        };
+        for operand in order {
+            self.i(I::LocalGet(operand));
         }
         self.i(simple(BinOp::Lt, elem));
         self.i(I::Select);
+        self.release(limit);
         self.release(local);
+    }
+
+    /// Pushes a real constant from memory. In code, one that the instruction cannot name itself takes two instructions and fourteen bytes.
+    fn stored_constant(&mut self, value: Value, elem: Elem) {
+        let mut bytes = [0; 8];
+        let bytes = &mut bytes[..elem.bits() as usize / 8];
+        value.store(bytes);
+        let at = self.m.data_constant(bytes);
+        self.i(I::I32Const(0));
+        self.i(if elem == Elem::Real {
+            I::F32Load(mem(at, 2))
+        } else {
+            I::F64Load(mem(at, 3))
+        });
     }
 
     /// The larger or smaller of the two values on the stack.

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
 
-use wasmtime::{Memory, Store, TypedFunc};
+use wasmtime::{Store, TypedFunc};
 
 use crate::codegen::{CompiledMc, MEMORY_EXPORT, SCAN_EXPORT};
 use crate::layout::{Layout, Region, TypeNode, VariableInfo};
-use crate::memory::{MC_TIME_AT, STOP_AT, TRAP_SITE_AT};
+use crate::memory::{MC_TIME_AT, SCAN_NUMBER_AT, STOP_AT, TRAP_SITE_AT};
 use crate::runtime::engine::{Engine, Interruption, Module, RuntimeError};
 use crate::runtime::trap::{self, Trap};
 use crate::runtime::watchdog::{Watch, Watchdog};
@@ -31,11 +31,14 @@ pub enum WriteError {
 /// An MC with memory of its own. It may be moved between threads, and one thread at a time runs it.
 pub struct Instance {
     store: Store<()>,
-    memory: Memory,
-    /// Where the memory begins, with its system area. It has its largest size from the beginning, so that it stays where it is until
-    /// the store goes; asking the store for it takes as long as the call of a scan.
+    /// Where the memory begins, with its system area, and how long it is. It has its largest size from the beginning, so that it
+    /// stays where it is until the store goes; asking the store for it takes as long as the call of a scan. The watchdog may
+    /// write the word at `STOP_AT` at any time: no reference may cover it.
     base: AtomicPtr<u8>,
+    len: usize,
     scan: TypedFunc<(), ()>,
+    /// Number of the latest scan; never 0 again.
+    scan_number: u32,
     mc: Arc<CompiledMc>,
     interruption: Interruption,
     /// With `Interruption::Epoch`: how the watchdog sees the instance.
@@ -62,19 +65,19 @@ impl Instance {
         let scan = instance
             .get_typed_func(&mut store, SCAN_EXPORT)
             .map_err(fail)?;
-        let base = memory.data_ptr(&store);
+        let (base, len) = (memory.data_ptr(&store), memory.data_size(&store));
         let watched = (engine.options.interruption == Interruption::Epoch).then(|| {
             let stop = base.wrapping_add(STOP_AT as usize);
-            // SAFETY: the memory stays where it is until the store goes, and `drop` forgets the watch before; while a scan runs
-            // nothing here refers to the memory.
+            // SAFETY: `base` is valid until the store goes, and `drop` forgets the watch before.
             let watch = unsafe { engine.watchdog.watch(stop.cast()) };
             (engine.watchdog.clone(), watch)
         });
         Ok(Self {
             store,
-            memory,
             base: AtomicPtr::new(base),
+            len,
             scan,
+            scan_number: 0,
             mc: module.mc.clone(),
             interruption: engine.options.interruption,
             watched,
@@ -88,21 +91,27 @@ impl Instance {
     /// regions, and may go on with the instance.
     pub fn scan(&mut self, mc_time_ns: i64, budget_ticks: u64) -> Result<(), Trap> {
         let base = *self.base.get_mut();
-        // SAFETY: `new` says why `base` is valid; both words lie in the system area, which every memory has, aligned to 8 bytes, and
-        // nothing else refers to it while `self` is borrowed but the watchdog, to the second one.
+        self.scan_number = self.scan_number.wrapping_add(1);
+        // SAFETY: `base` says why it is valid; the words lie in the system area, which every memory has, aligned to 8 bytes, and
+        // nothing refers to them while `self` is borrowed.
         unsafe {
+            if self.scan_number == 0 {
+                // The numbers come again: what was written for one of the last 2^32 scans goes.
+                self.scan_number = 1;
+                let stop = base.add(STOP_AT as usize).cast::<u32>();
+                AtomicU32::from_ptr(stop).store(0, Ordering::Relaxed);
+            }
             let time = base.add(MC_TIME_AT as usize).cast::<i64>();
             time.write(mc_time_ns.to_le());
-            // The watchdog may have written it when the scan before had already ended.
-            let stop = base.add(STOP_AT as usize).cast::<u32>();
-            AtomicU32::from_ptr(stop).store(0, Ordering::Relaxed);
+            let number = base.add(SCAN_NUMBER_AT as usize).cast::<u32>();
+            number.write(self.scan_number.to_le());
         }
         if let Interruption::Fuel(amount) = self.interruption {
             // Only fails in an engine without fuel.
             let _ = self.store.set_fuel(amount);
         }
         if let Some((watchdog, watch)) = &self.watched {
-            watchdog.begin(watch, budget_ticks);
+            watchdog.begin(watch, self.scan_number, budget_ticks);
         }
         let result = self.scan.call(&mut self.store, ());
         if let Some((_, watch)) = &self.watched {
@@ -116,15 +125,34 @@ impl Instance {
 
     #[cold]
     fn explain(&mut self, error: &wasmtime::Error) -> Trap {
-        let memory = self.memory.data(&self.store);
-        let trap = trap::explain(&self.mc, error, memory);
-        self.put(TRAP_SITE_AT, &[0; 4]);
+        let trap = trap::explain(&self.mc, error, self.part(0, STOP_AT));
+        self.part_mut(TRAP_SITE_AT, 4).fill(0);
         trap
     }
 
-    fn put(&mut self, at: u32, bytes: &[u8]) {
-        let at = at as usize;
-        self.memory.data_mut(&mut self.store)[at..at + bytes.len()].copy_from_slice(bytes);
+    /// Bytes of the memory. Panics if they lie outside of it or cover the word of the watchdog: layouts that say so are none.
+    fn part(&self, offset: u32, len: u32) -> &[u8] {
+        let (at, len) = self.checked(offset, len);
+        // SAFETY: `base` says why it is valid; `checked` has shown that the bytes lie inside and are not the watchdog's; Wasm writes
+        // them only during `scan`, which borrows `self`.
+        unsafe { std::slice::from_raw_parts(self.base.load(Ordering::Relaxed).add(at), len) }
+    }
+
+    fn part_mut(&mut self, offset: u32, len: u32) -> &mut [u8] {
+        let (at, len) = self.checked(offset, len);
+        // SAFETY: as in `part`, and `self` is borrowed alone.
+        unsafe { std::slice::from_raw_parts_mut(self.base.get_mut().add(at), len) }
+    }
+
+    fn checked(&self, offset: u32, len: u32) -> (usize, usize) {
+        let (at, end) = (offset as usize, offset as usize + len as usize);
+        let stop = STOP_AT as usize;
+        assert!(
+            end <= self.len && (end <= stop || at >= stop + 4),
+            "bytes {at} to {end} of a memory of {}",
+            self.len
+        );
+        (at, len as usize)
     }
 
     pub fn layout(&self) -> &Layout {
@@ -136,13 +164,7 @@ impl Instance {
     }
 
     fn bytes(&self, region: &Region) -> &[u8] {
-        let at = region.offset as usize;
-        &self.memory.data(&self.store)[at..at + region.len as usize]
-    }
-
-    fn bytes_mut<'a>(memory: Memory, store: &'a mut Store<()>, region: &Region) -> &'a mut [u8] {
-        let at = region.offset as usize;
-        &mut memory.data_mut(store)[at..at + region.len as usize]
+        self.part(region.offset, region.len)
     }
 
     /// The bytes of region number `index` of the layout.
@@ -151,7 +173,8 @@ impl Instance {
     }
 
     pub fn region_mut(&mut self, index: usize) -> &mut [u8] {
-        Self::bytes_mut(self.memory, &mut self.store, &self.mc.layout.regions[index])
+        let region = &self.mc.layout.regions[index];
+        self.part_mut(region.offset, region.len)
     }
 
     pub fn inputs(&self) -> &[u8] {
@@ -159,7 +182,8 @@ impl Instance {
     }
 
     pub fn inputs_mut(&mut self) -> &mut [u8] {
-        Self::bytes_mut(self.memory, &mut self.store, &self.mc.layout.inputs)
+        let region = &self.mc.layout.inputs;
+        self.part_mut(region.offset, region.len)
     }
 
     pub fn outputs(&self) -> &[u8] {
@@ -167,7 +191,8 @@ impl Instance {
     }
 
     pub fn outputs_mut(&mut self) -> &mut [u8] {
-        Self::bytes_mut(self.memory, &mut self.store, &self.mc.layout.outputs)
+        let region = &self.mc.layout.outputs;
+        self.part_mut(region.offset, region.len)
     }
 
     /// Sets all regions and the outputs to their initial values, and the inputs to 0.
@@ -226,7 +251,7 @@ impl Instance {
             return false;
         };
         let region = self.mc.layout.area(variable.area).clone();
-        let area = Self::bytes_mut(self.memory, &mut self.store, &region);
+        let area = self.part_mut(region.offset, region.len);
         let at = variable.offset as usize;
         let bytes = &mut area[at..at + variable.len as usize];
         bytes.fill(0);
@@ -269,7 +294,7 @@ impl Instance {
             });
         }
         let region = self.mc.layout.area(variable.area).clone();
-        let area = Self::bytes_mut(self.memory, &mut self.store, &region);
+        let area = self.part_mut(region.offset, region.len);
         let at = variable.offset as usize;
         let bytes = &mut area[at..at + variable.len as usize];
         match (variable.bit, value) {
