@@ -216,6 +216,9 @@ impl Checker<'_> {
     }
 
     pub(super) fn load(&mut self, place: Place) -> Expr {
+        if !self.usable_whole(&place) {
+            return error_expr(place.span);
+        }
         Expr {
             ty: place.ty,
             span: place.span,

@@ -9,6 +9,7 @@ mod expr;
 mod init;
 mod liberties;
 pub mod lint;
+mod located;
 mod methods;
 mod open_arrays;
 mod operators;
@@ -115,6 +116,8 @@ struct Scope {
     loops: u32,
     /// A wire gets its first value: its type is not known yet.
     defining: bool,
+    /// A located array may stand for all of its elements: one side of an assignment.
+    all_elements: bool,
 }
 
 /// Names are compared without regard to case.

@@ -546,6 +546,9 @@ impl Checker<'_> {
         {
             return true;
         }
+        if !self.usable_whole(place) {
+            return false;
+        }
         let var = self.var(root).clone();
         if var.open_input {
             let message = format!("`{}` is an input (AT %I*) and cannot be written", var.name);

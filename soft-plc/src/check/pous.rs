@@ -20,6 +20,7 @@ impl<'p> Checker<'p> {
             names: pou.map_or_else(BTreeMap::new, |p| self.scopes[p.0 as usize].clone()),
             loops: 0,
             defining: false,
+            all_elements: false,
         };
     }
 

@@ -8,7 +8,7 @@ use crate::check::stdfun::StdFun;
 use crate::diag::Diagnostic;
 use crate::source::{Sources, Span};
 use crate::syntax::ast::{Access, BinOp, PouKind, Project, UnOp, VarSection};
-use crate::types::{Elem, InterfaceId, TypeId, TypeTable};
+use crate::types::{Elem, InterfaceId, TypeId, TypeKind, TypeTable};
 use crate::value::Value;
 
 pub use crate::check::visit::{visit_expr, visit_place, visit_places};
@@ -109,7 +109,7 @@ impl TypedProject {
     /// The name of a type as the user would write it.
     pub fn type_name(&self, ty: TypeId) -> String {
         match self.types.kind(ty) {
-            crate::types::TypeKind::FunctionBlock(pou) => self.pou(*pou).name.clone(),
+            TypeKind::FunctionBlock(pou) => self.pou(*pou).name.clone(),
             _ => self.types.name(ty),
         }
     }
@@ -132,7 +132,7 @@ impl TypedProject {
         for step in &place.steps {
             match &step.kind {
                 StepKind::Field(index, owner) => {
-                    let crate::types::TypeKind::Struct { fields } = self.types.kind(*owner) else {
+                    let TypeKind::Struct { fields } = self.types.kind(*owner) else {
                         return None;
                     };
                     path.push('.');
@@ -173,13 +173,20 @@ pub struct Location {
     pub size: char,
 }
 
-impl std::fmt::Display for Location {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let area = match (self.memory, self.output) {
+impl Location {
+    /// The letter of its area.
+    pub fn area(&self) -> char {
+        match (self.memory, self.output) {
             (true, _) => 'M',
             (_, true) => 'Q',
             _ => 'I',
-        };
+        }
+    }
+}
+
+impl std::fmt::Display for Location {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let area = self.area();
         match (self.bit, self.size) {
             (Some(bit), _) => write!(f, "%{area}X{}.{bit}", self.byte),
             (None, 'W') => write!(f, "%{area}W{}", self.byte / 2),
@@ -206,6 +213,20 @@ pub struct Var {
     /// The POU that declares it; `None` for a global variable.
     pub owner: Option<PouId>,
     pub span: Span,
+}
+
+impl Var {
+    /// For a located array whose elements lie closer in the image than in memory, bits side by side and two bytes for
+    /// 16 bits: what they are. Such an array has no address that a POU could be given; its elements are reached one by one.
+    pub fn image_elem(&self, types: &TypeTable) -> Option<Elem> {
+        self.location?;
+        let TypeKind::Array { elem, .. } = types.kind(self.ty) else {
+            return None;
+        };
+        types
+            .elem(*elem)
+            .filter(|e| *e == Elem::Bool || e.bits() == 16)
+    }
 }
 
 /// An initial value, as far as it differs from that of the type.

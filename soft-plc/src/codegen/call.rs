@@ -228,7 +228,11 @@ impl Fun<'_, '_> {
         let project = self.m.project;
         match place.steps.last().map(|s| &s.kind) {
             Some(crate::check::tree::StepKind::Index(_)) => {
-                !self.elem(place.ty).is_packed_in_arrays()
+                let closer = match place.root {
+                    Root::Var(id) => project.var(id).image_elem(&project.types),
+                    _ => None,
+                };
+                closer.is_none() && !self.elem(place.ty).is_packed_in_arrays()
             }
             Some(crate::check::tree::StepKind::Char(_)) => false,
             Some(_) => true,
