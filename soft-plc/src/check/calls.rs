@@ -547,6 +547,7 @@ impl Checker<'_> {
         args: &[Arg],
         span: Span,
     ) -> Option<Invocation> {
+        let pou = self.with_bounds(pou, args, span)?;
         self.note_call(pou);
         let pairs = self.match_arguments(pou, args, span)?;
         let mut call = Invocation {

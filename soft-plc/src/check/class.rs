@@ -218,7 +218,8 @@ impl<'p> Checker<'p> {
         for (index, seen) in vars.iter().enumerate() {
             let name = self.var(*seen).name.clone();
             let rising = name.starts_with("__rise_");
-            if self.var(*seen).owner != Some(pou) || !(rising || name.starts_with("__fall_")) {
+            let owner = self.open_arrays.blocks.get(&pou).copied().unwrap_or(pou);
+            if self.var(*seen).owner != Some(owner) || !(rising || name.starts_with("__fall_")) {
                 continue;
             }
             let (raw, last) = (vars[index - 1], vars[index + 1]);

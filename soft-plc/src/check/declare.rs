@@ -48,6 +48,7 @@ impl<'p> Checker<'p> {
             name_span: pou.name.span,
             kind: pou.kind,
             library,
+            pattern: false,
             vars: Vec::new(),
             result: None,
             body: Vec::new(),

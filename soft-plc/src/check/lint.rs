@@ -209,7 +209,10 @@ impl Linter<'_> {
             let id = VarId(index as u32);
             let Some(owner) = var.owner else { continue };
             let pou = self.project.pou(owner);
+            // Of a function what was made of it is looked at; a function block shares its variables with that.
+            let stands_for_none = pou.pattern && pou.kind != PouKind::FunctionBlock;
             if pou.library
+                || stands_for_none
                 || pou.name.starts_with("__")
                 || pou.is_abstract
                 || var.name.starts_with("__")
@@ -258,8 +261,13 @@ impl Linter<'_> {
     fn writers(&mut self) {
         // First bit, last bit, who writes, where.
         let mut all: Vec<(u64, u64, PouId, Option<VarId>, Span)> = Vec::new();
+        let mut texts = BTreeSet::new();
         for (index, pou) in self.project.pous.iter().enumerate() {
             let id = PouId(index as u32);
+            // What was made of one text for several kinds of arrays is one writer.
+            if !pou.body.is_empty() && !texts.insert(pou.name_span) {
+                continue;
+            }
             let mut seen = BTreeSet::new();
             let mut note = |place: &Place| {
                 let (location, var) = match place.root {

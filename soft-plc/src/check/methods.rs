@@ -191,6 +191,11 @@ impl Checker<'_> {
             );
             return None;
         }
+        let interface = match receiver {
+            Receiver::Interface(_, id) => Some(id),
+            _ => None,
+        };
+        let method = self.method_with_bounds(method, interface, args, span)?;
         let virtual_call = !matches!(receiver, Receiver::Fixed(_));
         if virtual_call {
             // All that may run count as called.

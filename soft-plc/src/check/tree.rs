@@ -250,6 +250,8 @@ pub struct Pou {
     pub kind: PouKind,
     /// Part of the built-in library.
     pub library: bool,
+    /// It has parameters of `ARRAY[*]` and no body: calls mean what was made of it.
+    pub pattern: bool,
     /// All variables in the order of their declaration.
     pub vars: Vec<VarId>,
     /// For a function with a result: the variable that carries the function's name.
