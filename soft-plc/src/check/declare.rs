@@ -10,6 +10,7 @@ use crate::types::{Elem, InterfaceId, TypeId, TypeKind};
 impl<'p> Checker<'p> {
     pub(super) fn collect(&mut self) {
         let project = self.project;
+        self.collect_spaces();
         for (index, decl) in project.types.iter().enumerate() {
             self.claim(&decl.name, Declared::Type(index));
         }
@@ -83,7 +84,7 @@ impl<'p> Checker<'p> {
                 name.span,
                 format!("`{}` is declared twice", name.name),
             )
-            .hint("types, POUs and global variables share one set of names; case does not count");
+            .hint("types, POUs and global variables of a namespace share one set of names; case does not count");
             self.report(problem);
             return;
         }
@@ -124,6 +125,7 @@ impl<'p> Checker<'p> {
         let decl = &block.decls[d];
         self.globals.insert((b, d), (Progress::Running, None));
         let outside = std::mem::take(&mut self.current);
+        self.current.space.clone_from(&decl.name.name);
         let id = self.declare_var(block, decl, VarSection::Global, None);
         self.current = outside;
         self.globals.insert((b, d), (Progress::Done, Some(id)));

@@ -84,17 +84,17 @@ impl Checker<'_> {
 
     /// `Color` in `Color.Red`, as CODESYS writes `Color#Red`.
     fn enum_behind(&mut self, base: &ast::Expr) -> Option<ast::Ident> {
-        let (ast::ExprKind::Name(name) | ast::ExprKind::Field(_, ast::Ident { name, .. })) =
-            &base.kind
-        else {
-            return None;
+        let name = match &base.kind {
+            ast::ExprKind::Name(name) => name.clone(),
+            ast::ExprKind::Field(outer, inner) => self.with_path(outer, inner)?,
+            _ => return None,
         };
-        let Some(Declared::Type(index)) = self.names.get(&key(name)).copied() else {
+        let Some(Declared::Type(index)) = self.lookup(&name) else {
             return None;
         };
         let ty = self.resolve_declared(index, base.span);
-        self.types.is_enum(ty).then(|| ast::Ident {
-            name: name.clone(),
+        self.types.is_enum(ty).then_some(ast::Ident {
+            name,
             span: base.span,
         })
     }
@@ -197,13 +197,13 @@ impl Checker<'_> {
             return error_expr(span);
         };
         let wanted = expected.map(|e| self.types.get(e).same_as);
+        let found = self.nearest(found);
         let chosen = match found.as_slice() {
             [one] => Some(*one),
             many => many.iter().copied().find(|(ty, _)| Some(*ty) == wanted),
         };
         let Some((ty, v)) = chosen else {
             let names: Vec<String> = found
-                .clone()
                 .iter()
                 .map(|(ty, _)| format!("{}#{name}", self.type_name(*ty)))
                 .collect();

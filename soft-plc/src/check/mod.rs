@@ -11,6 +11,7 @@ mod liberties;
 pub mod lint;
 mod located;
 mod methods;
+mod names;
 mod open_arrays;
 mod operators;
 mod place;
@@ -91,6 +92,7 @@ struct Checker<'p> {
     globals: BTreeMap<(usize, usize), (Progress, Option<VarId>)>,
     /// Enumerated values by their name: the enumerations that have it.
     enum_values: BTreeMap<String, Vec<(TypeId, i64)>>,
+    spaces: names::Spaces,
     fb_types: BTreeMap<PouId, TypeId>,
     pending_inits: Vec<(init::Pending, &'p crate::syntax::ast::Init)>,
     /// How many constants need each other right now.
@@ -112,6 +114,8 @@ struct Checker<'p> {
 struct Scope {
     pou: Option<PouId>,
     names: BTreeMap<String, VarId>,
+    /// Where names are looked for first: the namespace of the text, or a name in it.
+    space: String,
     /// Number of loops around the current statement.
     loops: u32,
     /// A wire gets its first value: its type is not known yet.
@@ -138,6 +142,7 @@ impl<'p> Checker<'p> {
             type_ids: vec![(Progress::Open, TypeId::ERROR); project.types.len()],
             globals: BTreeMap::new(),
             enum_values: BTreeMap::new(),
+            spaces: names::Spaces::default(),
             fb_types: BTreeMap::new(),
             pending_inits: Vec::new(),
             init_depth: 0,

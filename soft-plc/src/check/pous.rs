@@ -18,6 +18,7 @@ impl<'p> Checker<'p> {
         self.current = Scope {
             pou,
             names: pou.map_or_else(BTreeMap::new, |p| self.scopes[p.0 as usize].clone()),
+            space: pou.map_or_else(String::new, |p| self.pou(p).name.clone()),
             loops: 0,
             defining: false,
             all_elements: false,
@@ -84,7 +85,7 @@ impl<'p> Checker<'p> {
             }
             let var = VarId(self.vars.len() as u32);
             self.vars.push(Var {
-                name: syntax.name.name.clone(),
+                name: last_part(&syntax.name.name).to_owned(),
                 ty,
                 section: VarSection::Local,
                 constant: false,
@@ -97,7 +98,9 @@ impl<'p> Checker<'p> {
                 span: syntax.name.span,
             });
             self.pous[id.0 as usize].result = Some(var);
-            self.current.names.insert(key(&syntax.name.name), var);
+            self.current
+                .names
+                .insert(key(last_part(&syntax.name.name)), var);
         }
         // Constants first: the bounds of an array may name one that is declared below it. The variables stand in the order of the
         // text, which is that of calls without names, and of memory.
@@ -221,7 +224,7 @@ impl<'p> Checker<'p> {
     /// VAR_EXTERNAL makes a global variable visible under its name.
     fn declare_external(&mut self, decl: &'p ast::VarDecl) {
         let name = &decl.name.name;
-        let Some(Declared::Global(b, d)) = self.names.get(&key(name)).copied() else {
+        let Some(Declared::Global(b, d)) = self.lookup(name) else {
             let message = format!("there is no global variable `{name}`");
             self.report(
                 Problem::error("E223", decl.name.span, message)
@@ -321,4 +324,9 @@ impl<'p> Checker<'p> {
             self.leave();
         }
     }
+}
+
+/// The name without the path of its namespace.
+fn last_part(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
 }

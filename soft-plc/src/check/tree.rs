@@ -43,11 +43,15 @@ impl TypedProject {
         &self.pous[id.0 as usize]
     }
 
+    /// The POU of this name; the path of a namespace may be left out.
     pub fn find_pou(&self, name: &str) -> Option<PouId> {
-        let found = self
-            .pous
-            .iter()
-            .position(|p| p.name.eq_ignore_ascii_case(name));
+        let last = |p: &Pou| {
+            let last = p.name.rsplit_once('.').map(|(_, last)| last);
+            p.kind != PouKind::Method && last.is_some_and(|l| l.eq_ignore_ascii_case(name))
+        };
+        let exact = |p: &Pou| p.name.eq_ignore_ascii_case(name);
+        let found = self.pous.iter().position(exact);
+        let found = found.or_else(|| self.pous.iter().position(last));
         found.map(|index| PouId(index as u32))
     }
 

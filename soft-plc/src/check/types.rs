@@ -30,6 +30,7 @@ impl<'p> Checker<'p> {
         self.type_ids[index].0 = Progress::Running;
         let outside = std::mem::take(&mut self.current);
         let decl = &self.project.types[index];
+        self.current.space.clone_from(&decl.name.name);
         let mut id = self.resolve_spec(&decl.spec, Some(&decl.name.name));
         let is_new = self.types.get(id).name.as_deref() == Some(decl.name.name.as_str());
         if !is_new && id != TypeId::ERROR {
@@ -239,7 +240,7 @@ impl<'p> Checker<'p> {
         if let Some(elem) = Elem::from_name(&ident.name) {
             return TypeId::of(elem);
         }
-        match self.names.get(&key(&ident.name)).copied() {
+        match self.lookup(&ident.name) {
             Some(Declared::Interface(id)) => self.interface_types[id.0 as usize],
             Some(Declared::Type(index)) => self.resolve_declared(index, ident.span),
             Some(Declared::Pou(pou)) => match self.fb_types.get(&pou) {
@@ -268,7 +269,9 @@ impl<'p> Checker<'p> {
                     ident.span,
                     format!("the type `{}` is not declared", ident.name),
                 );
-                if let Some(close) = closest(&ident.name, &candidates) {
+                if let Some(hint) = self.elsewhere(&ident.name) {
+                    problem = problem.hint(hint);
+                } else if let Some(close) = closest(&ident.name, &candidates) {
                     problem = problem.hint(format!("did you mean `{close}`?"));
                 }
                 self.report(problem);

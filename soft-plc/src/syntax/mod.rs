@@ -6,7 +6,7 @@ pub mod lexer;
 pub mod literal;
 mod parse_config;
 mod parse_decl;
-mod parse_expr;
+pub(crate) mod parse_expr;
 pub(crate) mod parse_il;
 mod parse_sfc;
 mod parse_stmt;

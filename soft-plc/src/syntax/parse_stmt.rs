@@ -100,11 +100,15 @@ impl Parser<'_> {
         }
     }
 
-    /// `Color.Red:` or `Color.Red,`, as CODESYS writes labels.
+    /// `Color.Red:` or `Color.Red,`, as CODESYS writes labels; `Space.Color#Red:`.
     fn at_qualified_label(&self) -> bool {
-        self.peek_at(1) == Tok::Dot
-            && self.peek_at(2) == Tok::Ident
-            && matches!(self.peek_at(3), Tok::Colon | Tok::Comma | Tok::DotDot)
+        let mut at = 1;
+        while self.peek_at(at) == Tok::Dot && self.peek_at(at + 1) == Tok::Ident {
+            at += 2;
+        }
+        let labelled = matches!(self.peek_at(at), Tok::Colon | Tok::Comma | Tok::DotDot);
+        (at > 1 && labelled)
+            || (self.peek_at(at) == Tok::Dot && self.peek_at(at + 1) == Tok::TypePrefix)
     }
 
     fn statement(&mut self) -> Parsed<Stmt> {

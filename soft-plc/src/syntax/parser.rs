@@ -28,6 +28,8 @@ pub struct Parser<'a> {
     depth: u32,
     /// The POU being read, for messages.
     pub pou: Option<String>,
+    /// The namespaces around, from the outermost, each with its whole path and where it was opened.
+    pub(super) spaces: Vec<(String, Span)>,
 }
 
 /// Parses a whole `.st` text into `project`.
@@ -115,6 +117,7 @@ impl<'a> Parser<'a> {
             problems,
             depth: 0,
             pou: None,
+            spaces: Vec::new(),
         }
     }
 

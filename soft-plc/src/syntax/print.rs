@@ -88,6 +88,9 @@ impl Printer<'_> {
             let _ = write!(head, " : {}", self.type_spec(result));
         }
         self.line(&head);
+        for path in &class.usings {
+            self.line(&format!("USING {};", path.name));
+        }
         for block in &pou.vars {
             self.block(block);
         }

@@ -15,6 +15,7 @@ mod located;
 mod loops;
 mod macro_steps;
 mod marking_machine;
+mod namespaces;
 mod open_arrays;
 mod plcopen;
 mod properties;
