@@ -53,6 +53,9 @@ impl Checker<'_> {
         if self.find_var(name).is_some()
             && !matches!(key(name).as_str(), "AND" | "OR" | "XOR" | "MOD" | "NOT")
         {
+            if crate::check::stdfun::StdFun::from_name(&key(name)).is_some() {
+                return self.refuse_hidden(name, callee.span);
+            }
             return self.refuse_invocation(span);
         }
         if let Some(expr) = self.standard_call(name, args, expected, span) {
@@ -94,6 +97,13 @@ impl Checker<'_> {
             kind: ast::ExprKind::Name(path),
             span: callee.span,
         })
+    }
+
+    /// A variable called like a function: case does not count.
+    fn refuse_hidden(&mut self, name: &str, callee: Span) -> Expr {
+        let message = format!("`{name}` is a variable here, and hides the function of this name");
+        self.report(Problem::error("E403", callee, message).hint("give the variable another name"));
+        error_expr(callee)
     }
 
     fn refuse_invocation(&mut self, span: Span) -> Expr {

@@ -89,6 +89,10 @@ struct Checker<'p> {
     problems: Vec<Problem>,
     names: BTreeMap<String, Declared>,
     type_ids: Vec<(Progress, TypeId)>,
+    /// Structures that references lead to and whose fields are not known yet.
+    ahead: BTreeMap<String, TypeId>,
+    /// Internal variables whose declaration says who may use them.
+    access: BTreeMap<VarId, crate::syntax::ast::Access>,
     globals: BTreeMap<(usize, usize), (Progress, Option<VarId>)>,
     /// Enumerated values by their name: the enumerations that have it.
     enum_values: BTreeMap<String, Vec<(TypeId, i64)>>,
@@ -140,6 +144,8 @@ impl<'p> Checker<'p> {
             problems: Vec::new(),
             names: BTreeMap::new(),
             type_ids: vec![(Progress::Open, TypeId::ERROR); project.types.len()],
+            ahead: BTreeMap::new(),
+            access: BTreeMap::new(),
             globals: BTreeMap::new(),
             enum_values: BTreeMap::new(),
             spaces: names::Spaces::default(),

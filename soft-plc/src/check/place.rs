@@ -211,14 +211,21 @@ impl Checker<'_> {
             return None;
         };
         let own = self.sees_inside(self.var(id).owner);
+        let given = match self.access.get(&id) {
+            Some(ast::Access::Public) => true,
+            Some(ast::Access::Internal) => self.same_space(&name, &self.current.space),
+            _ => false,
+        };
         match self.var(id).section {
             VarSection::Input | VarSection::Output => {}
+            VarSection::Local if given => {}
             VarSection::Local if self.options.allow_internal_access || own => {}
             section => {
                 let message = format!("`{}` is internal to {name} ({section})", field.name);
                 self.report(
                     Problem::error("E313", field.span, message)
-                        .expected("one of its inputs or outputs"),
+                        .expected("one of its inputs or outputs")
+                        .hint("variables of VAR PUBLIC are for all"),
                 );
                 return None;
             }

@@ -50,6 +50,9 @@ impl<'p> Checker<'p> {
         if let Some(base) = before {
             self.declare_with_bases(base, done);
             names.clone_from(&self.scopes[base.0 as usize]);
+            if self.pou(id).extends.is_some() {
+                names.retain(|_, var| self.access.get(var) != Some(&ast::Access::Private));
+            }
         }
         self.enter(Some(id));
         if let Some(base) = self.pou(id).extends {
@@ -126,8 +129,18 @@ impl<'p> Checker<'p> {
             self.check_section(syntax, block, decl);
             self.before_open_array(id, block.section, decl);
             let var = self.declare_var(block, decl, block.section, Some(id));
+            if let Some(access) = block.access {
+                self.access.insert(var, access);
+            }
             let name = key(&decl.name.name);
-            if self.current.names.contains_key(&name) {
+            // A private variable of the base is out of sight, and still one of the instance.
+            let inherited = self.pou(id).extends.is_some()
+                && self
+                    .pou(id)
+                    .vars
+                    .iter()
+                    .any(|v| key(&self.var(*v).name) == name);
+            if inherited || self.current.names.contains_key(&name) {
                 let message = format!("the variable `{}` is declared twice", decl.name.name);
                 self.report(Problem::error("E201", decl.name.span, message));
             }

@@ -68,7 +68,10 @@ impl<'p> Checker<'p> {
                 self.types.string(*wide, len as u32)
             }
             TypeSpecKind::Ref(to) => {
-                let target = self.resolve_spec(to, None);
+                let target = match self.structure_ahead(to) {
+                    Some(target) => target,
+                    None => self.resolve_spec(to, None),
+                };
                 if target == TypeId::ERROR {
                     return TypeId::ERROR;
                 }
@@ -165,13 +168,47 @@ impl<'p> Checker<'p> {
                         init: None,
                     });
                 }
-                let id = self.types.add(new_name, TypeKind::Struct { fields: list });
+                let kind = TypeKind::Struct { fields: list };
+                let ahead = name.and_then(|n| self.ahead.remove(&key(n)));
+                let id = match ahead {
+                    Some(id) => {
+                        self.types.set_kind(id, kind);
+                        id
+                    }
+                    None => self.types.add(new_name, kind),
+                };
                 for (field, init) in inits {
                     self.pending_inits.push((Pending::Field(id, field), init));
                 }
                 id
             }
         }
+    }
+
+    /// The structure that a reference leads to, before its fields are known: it may hold references to itself, or to
+    /// another one that leads back.
+    fn structure_ahead(&mut self, to: &TypeSpec) -> Option<TypeId> {
+        let TypeSpecKind::Named(ident) = &to.kind else {
+            return None;
+        };
+        let Some(Declared::Type(index)) = self.lookup(&ident.name) else {
+            return None;
+        };
+        let decl = &self.project.types[index];
+        let unknown = self.type_ids[index].0 != Progress::Done;
+        if !unknown || !matches!(decl.spec.kind, TypeSpecKind::Struct { .. }) {
+            return None;
+        }
+        let name = key(&decl.name.name);
+        if let Some(id) = self.ahead.get(&name) {
+            return Some(*id);
+        }
+        let fields = Vec::new();
+        let id = self
+            .types
+            .add(Some(decl.name.name.clone()), TypeKind::Struct { fields });
+        self.ahead.insert(name, id);
+        Some(id)
     }
 
     fn resolve_enum(

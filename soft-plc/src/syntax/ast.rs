@@ -164,6 +164,8 @@ pub struct VarBlock {
     pub section: VarSection,
     pub constant: bool,
     pub retain: bool,
+    /// Who may use the variables of a function block or class from outside; nobody but derived ones if nothing is said.
+    pub access: Option<Access>,
     pub decls: Vec<VarDecl>,
 }
 

@@ -437,6 +437,7 @@ impl Parser<'_> {
             return Err(Stop);
         };
         let mut block = VarBlock {
+            access: None,
             section: section(kw).unwrap_or(VarSection::Local),
             constant: false,
             retain: false,
@@ -449,7 +450,9 @@ impl Parser<'_> {
                 block.retain = true;
             } else if self.eat_kw(Kw::NonRetain) || self.eat_word("PERSISTENT") {
                 // What is not retained, and what other systems keep apart: nothing to note.
-            } else if !self.eat_access() {
+            } else if let Some(access) = self.eat_access() {
+                block.access = Some(access);
+            } else {
                 break;
             }
         }
@@ -486,12 +489,19 @@ impl Parser<'_> {
     }
 
     /// An access specifier behind VAR, unless it is the name of the first variable.
-    fn eat_access(&mut self) -> bool {
+    fn eat_access(&mut self) -> Option<Access> {
         let is_name = matches!(self.peek_at(1), Tok::Colon | Tok::Comma | Tok::Kw(Kw::At));
-        !is_name
-            && ["PUBLIC", "PRIVATE", "PROTECTED", "INTERNAL"]
-                .iter()
-                .any(|word| self.eat_word(word))
+        let words = [
+            ("PUBLIC", Access::Public),
+            ("PRIVATE", Access::Private),
+            ("PROTECTED", Access::Protected),
+            ("INTERNAL", Access::Internal),
+        ];
+        if is_name {
+            return None;
+        }
+        let found = words.into_iter().find(|(word, _)| self.eat_word(word));
+        found.map(|(_, access)| access)
     }
 
     /// `a, b AT %IW2 : INT := 5;`
