@@ -415,8 +415,25 @@ impl Checker<'_> {
             _ if expr.ty == TypeId::UNTYPED_REAL => {
                 Some(format!("convert it: LREAL_TO_{want}(...)"))
             }
-            _ => None,
+            _ => match (self.types.text(expr.ty), self.types.text(ty)) {
+                (Some((true, _)), Some((false, _))) if matches!(expr.kind, ExprKind::Text(_)) => {
+                    Some("a STRING stands between single quotes: 'text'".to_owned())
+                }
+                (Some((false, _)), Some((true, _))) if matches!(expr.kind, ExprKind::Text(_)) => {
+                    Some("a WSTRING stands between double quotes: \"text\"".to_owned())
+                }
+                (Some((wide, _)), Some(_)) if matches!(expr.kind, ExprKind::Load(_)) => {
+                    let pair = if wide {
+                        ("WSTRING", "STRING")
+                    } else {
+                        ("STRING", "WSTRING")
+                    };
+                    Some(format!("convert it: {}_TO_{}(...)", pair.0, pair.1))
+                }
+                _ => None,
+            },
         };
+        let narrow = narrow.filter(|_| !have.starts_with('(') && !want.starts_with('('));
         if expr.ty == TypeId::UNTYPED_INT || expr.ty == TypeId::VOID {
             // A literal or a function without result: there is nothing to convert.
         } else if let Some(hint) = narrow {

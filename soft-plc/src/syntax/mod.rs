@@ -14,3 +14,4 @@ mod parse_types;
 pub mod parser;
 pub mod print;
 pub mod sfc;
+mod slips;

@@ -7,6 +7,7 @@ use crate::syntax::ast::{
     VarDecl, VarSection,
 };
 use crate::syntax::lexer::{Kw, Tok};
+use crate::syntax::parse_stmt::starts_statement;
 use crate::syntax::parser::{Parsed, Parser, Stop};
 
 fn section(kw: Kw) -> Option<VarSection> {
@@ -465,10 +466,14 @@ impl Parser<'_> {
                     self.advance();
                     continue;
                 }
-                Tok::Ident => {}
-                Tok::Kw(kw) if !ends_variables(kw) => {}
+                Tok::Ident if !self.at_statement() => {}
+                Tok::Kw(kw)
+                    if !ends_variables(kw) && (!starts_statement(kw) || self.names_variable()) => {}
                 _ => {
-                    let found = self.peek().describe();
+                    let found = match self.peek() {
+                        Tok::Ident => "a statement".to_owned(),
+                        tok => tok.describe(),
+                    };
                     let problem = Problem::error(
                         "E118",
                         opener.span,
@@ -486,6 +491,22 @@ impl Parser<'_> {
                 self.recover(ends_variables);
             }
         }
+    }
+
+    /// Whether what follows assigns or calls, and so is no variable.
+    fn at_statement(&self) -> bool {
+        matches!(
+            self.peek_at(1),
+            Tok::Assign | Tok::TryAssign | Tok::LParen | Tok::Dot | Tok::LBracket
+        )
+    }
+
+    /// Whether the word is meant as a name, reserved as it may be.
+    fn names_variable(&self) -> bool {
+        matches!(
+            self.peek_at(1),
+            Tok::Colon | Tok::Comma | Tok::Kw(Kw::At) | Tok::Assign
+        )
     }
 
     /// An access specifier behind VAR, unless it is the name of the first variable.

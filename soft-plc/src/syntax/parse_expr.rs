@@ -237,6 +237,7 @@ impl Parser<'_> {
             Tok::DateTime => ExprKind::Date(Elem::Dt, self.take(literal::date_time(text, span))?),
             Tok::Str => ExprKind::Str(self.take(literal::string(text, span))?),
             Tok::WStr => ExprKind::WStr(self.take(literal::string(text, span))?),
+            Tok::Broken => ExprKind::Str(String::new()),
             Tok::Ident if text.eq_ignore_ascii_case("NULL") => ExprKind::Null,
             Tok::Kw(Kw::True) => ExprKind::Bool(true),
             Tok::Kw(Kw::False) => ExprKind::Bool(false),

@@ -24,6 +24,7 @@ mod recursion;
 mod regions;
 mod runtime;
 mod semantics;
+mod slips;
 mod standalone;
 mod state_survives;
 mod third_edition;
