@@ -1,6 +1,7 @@
 //! From the built cell to what this controller hosts: specs, machine code, passive instances.
 
 use crate::cache;
+use fam_engineering::build::in_parallel;
 use fam_engineering::{BuiltCell, BuiltMc};
 use fam_node_core::plc::PlcRuntime;
 use fam_node_core::spec::SpecError;
@@ -78,14 +79,20 @@ pub fn host(
         specs: Vec::new(),
         runtimes: Vec::new(),
     };
-    for model in &built.model.mcs {
-        let Some(mc) = built.mc(&model.mc) else {
-            continue;
-        };
-        if !model.hosts.contains(controller) {
-            continue;
-        }
-        let (spec, runtime) = one(hosted.specs.len(), model, mc, engine, cache)?;
+    let mcs: Vec<(&McModel, &BuiltMc)> = built
+        .model
+        .mcs
+        .iter()
+        .filter(|model| model.hosts.contains(controller))
+        .filter_map(|model| Some((model, built.mc(&model.mc)?)))
+        .collect();
+    // Compiling is most of a start, and no scan runs yet that would want the processors.
+    let made = in_parallel(mcs.len(), |index| {
+        let (model, mc) = mcs[index];
+        one(index, model, mc, engine, cache)
+    });
+    for ((model, _), made) in mcs.into_iter().zip(made) {
+        let (spec, runtime) = made?;
         hosted.models.push(Arc::new(model.clone()));
         hosted.specs.push(spec);
         hosted.runtimes.push(runtime);

@@ -150,7 +150,7 @@ pub struct VariableInfo {
     pub area: Area,
     /// Bytes from the start of the area.
     pub offset: u32,
-    /// For a BOOL in the inputs or outputs: its bit.
+    /// For a BOOL in the inputs or outputs: its bit; for an array of them the bit of its first element.
     pub bit: Option<u8>,
     /// Bytes that it takes there.
     pub len: u32,
@@ -292,8 +292,21 @@ impl VariableInfo {
             number = number * (hi - lo + 1) + (index - lo);
         }
         let texts: Vec<String> = indices.iter().map(i64::to_string).collect();
+        let path = format!("{}[{}]", self.path, texts.join(","));
+        if let Some(first) = self.bit {
+            // Bits of the process image, side by side.
+            let at = i64::from(first) + number;
+            return Some(VariableInfo {
+                path,
+                offset: self.offset + (at / 8) as u32,
+                bit: Some((at % 8) as u8),
+                len: 1,
+                ty: elem.clone(),
+                ..*self
+            });
+        }
         Some(VariableInfo {
-            path: format!("{}[{}]", self.path, texts.join(",")),
+            path,
             offset: self.offset + number as u32 * stride,
             len: *stride,
             ty: elem.clone(),

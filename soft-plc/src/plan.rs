@@ -254,7 +254,17 @@ impl Builder<'_> {
         };
         let (mut len, _) = self.sizes.of(self.project, var.ty);
         if var.location.is_some() {
-            len = self.image_bytes(var.ty);
+            len = self.image_bytes(var);
+        }
+        let mut ty = self.node(var.ty);
+        if let (Some(elem), TypeNode::Array { dims, elem: of, .. }) =
+            (var.image_elem(&self.project.types), &*ty)
+        {
+            ty = Arc::new(TypeNode::Array {
+                dims: dims.clone(),
+                stride: elem.image_bytes(),
+                elem: of.clone(),
+            });
         }
         if at.saturating_add(len) > MEMORY_BYTES_MAX {
             return;
@@ -265,22 +275,29 @@ impl Builder<'_> {
             offset: at as u32,
             bit: var.location.and_then(|l| l.bit),
             len: len as u32,
-            ty: self.node(var.ty),
+            ty,
             retain: var.retain,
         };
         self.roots.push(info);
     }
 
-    fn image_bytes(&mut self, ty: TypeId) -> u64 {
-        match self.project.types.elem(ty) {
-            Some(elem) => u64::from(elem.image_bytes()),
-            None => match self.project.types.kind(ty) {
-                TypeKind::Array { dims, elem } => {
-                    let count: u64 = dims.iter().map(|(l, h)| (h - l + 1) as u64).product();
-                    count * self.sizes.stride(self.project, *elem)
+    fn image_bytes(&mut self, var: &Var) -> u64 {
+        let types = &self.project.types;
+        let closer = var.image_elem(types);
+        match (types.elem(var.ty), types.kind(var.ty)) {
+            (Some(elem), _) => u64::from(elem.image_bytes()),
+            (None, TypeKind::Array { dims, elem }) => {
+                let counts = dims.iter().map(|(l, h)| (h - l + 1) as u64);
+                let count = counts.fold(1, u64::saturating_mul);
+                match (closer, var.location.and_then(|l| l.bit)) {
+                    (Some(Elem::Bool), bit) => {
+                        count.saturating_add(bit.unwrap_or(0).into()).div_ceil(8)
+                    }
+                    (Some(elem), _) => count.saturating_mul(elem.image_bytes().into()),
+                    _ => count.saturating_mul(self.sizes.stride(self.project, *elem)),
                 }
-                _ => self.sizes.of(self.project, ty).0,
-            },
+            }
+            _ => self.sizes.of(self.project, var.ty).0,
         }
     }
 
@@ -299,7 +316,7 @@ impl Builder<'_> {
             if var.owner.is_some_and(|o| !reachable[o.0 as usize]) {
                 continue;
             }
-            len = len.max(u64::from(location.byte) + self.image_bytes(var.ty));
+            len = len.max(u64::from(location.byte) + self.image_bytes(var));
             self.place(id, Area::Region(0), start + u64::from(location.byte));
         }
         for (index, pou) in project.pous.iter().enumerate() {
@@ -340,7 +357,7 @@ impl Builder<'_> {
             } else {
                 Area::Inputs
             };
-            let end = u64::from(location.byte) + self.image_bytes(var.ty);
+            let end = u64::from(location.byte) + self.image_bytes(var);
             if end > u64::from(IMAGE_BYTES_MAX) {
                 let message = format!("`{}` reaches beyond the process image", var.name);
                 problems.push(Problem::error("E504", var.span, message));
@@ -553,14 +570,37 @@ impl Builder<'_> {
     }
 }
 
+/// Of variables that share their place, the one that says a value has it: a value of zeros is not written.
 fn initial_output(filler: &mut Filler<'_>, var: &Var, at: usize, image: &mut [u8]) {
     let project = filler.project;
     let Some(elem) = project.types.elem(var.ty) else {
         let (size, _) = filler.sizes.of(project, var.ty);
         let mut bytes = vec![0; size as usize];
         filler.variable(&mut bytes, var.ty, var.init.as_ref());
-        let len = bytes.len().min(image.len() - at);
-        image[at..at + len].copy_from_slice(&bytes[..len]);
+        match (var.image_elem(&project.types), var.location) {
+            (Some(Elem::Bool), Some(location)) => {
+                let first = at * 8 + usize::from(location.bit.unwrap_or(0));
+                for (index, value) in bytes.iter().enumerate().filter(|(_, v)| **v != 0) {
+                    if let Some(byte) = image.get_mut((first + index) / 8) {
+                        *byte |= (value & 1) << ((first + index) % 8);
+                    }
+                }
+            }
+            (Some(elem), _) => {
+                let (cell, width) = (elem.cell_bytes() as usize, elem.image_bytes() as usize);
+                let parts = image[at..].chunks_exact_mut(width);
+                let values = parts.zip(bytes.chunks_exact(cell));
+                for (to, from) in values.filter(|(_, from)| from.iter().any(|b| *b != 0)) {
+                    to.copy_from_slice(&from[..width]);
+                }
+            }
+            _ => {
+                let values = image[at..].iter_mut().zip(&bytes);
+                values
+                    .filter(|(_, b)| **b != 0)
+                    .for_each(|(to, b)| *to = *b);
+            }
+        }
         return;
     };
     let mut cell = [0u8; 8];
@@ -568,6 +608,7 @@ fn initial_output(filler: &mut Filler<'_>, var: &Var, at: usize, image: &mut [u8
     filler.variable(&mut cell[..width], var.ty, var.init.as_ref());
     match var.location.and_then(|l| l.bit) {
         Some(bit) => image[at] |= (cell[0] & 1) << bit,
+        None if cell == [0; 8] => {}
         None => {
             let width = elem.image_bytes() as usize;
             image[at..at + width].copy_from_slice(&cell[..width]);

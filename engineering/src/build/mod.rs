@@ -189,7 +189,7 @@ pub(crate) fn processors() -> usize {
 }
 
 /// Runs a job for each index on all processors; results in the order of the indices.
-pub(crate) fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
+pub fn in_parallel<T: Send>(count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let results: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(count));
     let next = AtomicUsize::new(0);
     let threads = processors().min(count);

@@ -93,6 +93,7 @@ pub fn globals_with(
     };
     for block in &project.globals {
         let block = VarBlock {
+            access: None,
             decls: block
                 .decls
                 .iter()

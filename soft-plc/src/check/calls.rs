@@ -28,7 +28,7 @@ impl Checker<'_> {
         let ast::ExprKind::Name(name) = &callee.kind else {
             return self.refuse_invocation(span);
         };
-        if let Some(Declared::Pou(pou)) = self.names.get(&key(name)).copied() {
+        if let Some(Declared::Pou(pou)) = self.lookup(name) {
             if self.pou(pou).kind != PouKind::Function {
                 return self.refuse_invocation(span);
             }
@@ -53,6 +53,9 @@ impl Checker<'_> {
         if self.find_var(name).is_some()
             && !matches!(key(name).as_str(), "AND" | "OR" | "XOR" | "MOD" | "NOT")
         {
+            if crate::check::stdfun::StdFun::from_name(&key(name)).is_some() {
+                return self.refuse_hidden(name, callee.span);
+            }
             return self.refuse_invocation(span);
         }
         if let Some(expr) = self.standard_call(name, args, expected, span) {
@@ -76,22 +79,31 @@ impl Checker<'_> {
             callee.span,
             format!("the function `{name}` is not declared"),
         );
-        if let Some(close) = closest(name, &candidates) {
+        if let Some(hint) = self.elsewhere(name) {
+            problem = problem.hint(hint);
+        } else if let Some(close) = closest(name, &candidates) {
             problem = problem.hint(format!("did you mean `{close}`?"));
         }
         self.report(problem);
         error_expr(span)
     }
 
-    /// `Space.function` is `function`.
+    /// `Space.function` as one name.
     fn without_namespace(&mut self, callee: &ast::Expr) -> Option<ast::Expr> {
         let ast::ExprKind::Field(base, name) = &callee.kind else {
             return None;
         };
-        self.is_namespace(base).then(|| ast::Expr {
-            kind: ast::ExprKind::Name(name.name.clone()),
+        self.with_path(base, name).map(|path| ast::Expr {
+            kind: ast::ExprKind::Name(path),
             span: callee.span,
         })
+    }
+
+    /// A variable called like a function: case does not count.
+    fn refuse_hidden(&mut self, name: &str, callee: Span) -> Expr {
+        let message = format!("`{name}` is a variable here, and hides the function of this name");
+        self.report(Problem::error("E403", callee, message).hint("give the variable another name"));
+        error_expr(callee)
     }
 
     fn refuse_invocation(&mut self, span: Span) -> Expr {
@@ -133,7 +145,7 @@ impl Checker<'_> {
             if upper == "__REGION_TO_BYTES" || upper == "__BYTES_TO_REGION" {
                 return self.region_copy(args, upper == "__REGION_TO_BYTES", call.span);
             }
-            if let Some(Declared::Pou(pou)) = self.names.get(&upper).copied() {
+            if let Some(Declared::Pou(pou)) = self.lookup(name) {
                 match self.pou(pou).kind {
                     PouKind::Function => {
                         let call = self.function_call(pou, args, call.span)?;
@@ -547,6 +559,7 @@ impl Checker<'_> {
         args: &[Arg],
         span: Span,
     ) -> Option<Invocation> {
+        let pou = self.with_bounds(pou, args, span)?;
         self.note_call(pou);
         let pairs = self.match_arguments(pou, args, span)?;
         let mut call = Invocation {

@@ -55,7 +55,7 @@ impl<'p> Checker<'p> {
             let mut todo: Vec<&ast::Ident> = interface.extends.iter().collect();
             let mut seen = vec![index];
             while let Some(base) = todo.pop() {
-                match self.names.get(&key(&base.name)).copied() {
+                match self.lookup_in(&interface.name.name, &base.name) {
                     Some(Declared::Interface(id)) if !seen.contains(&(id.0 as usize)) => {
                         seen.push(id.0 as usize);
                         let more = &project.interfaces[id.0 as usize];
@@ -81,7 +81,8 @@ impl<'p> Checker<'p> {
         for index in 0..self.pous.len() {
             let class = &self.syntaxes[index].class;
             if let Some(base) = &class.extends {
-                match self.names.get(&key(&base.name)).copied() {
+                let space = self.pous[index].name.clone();
+                match self.lookup_in(&space, &base.name) {
                     Some(Declared::Pou(id)) if self.pou(id).kind == PouKind::FunctionBlock => {
                         self.pous[index].extends = Some(id);
                     }
@@ -92,7 +93,8 @@ impl<'p> Checker<'p> {
                 }
             }
             for name in &class.implements {
-                match self.names.get(&key(&name.name)).copied() {
+                let space = self.pous[index].name.clone();
+                match self.lookup_in(&space, &name.name) {
                     Some(Declared::Interface(id)) => self.pous[index].implements.push(id),
                     _ => self.no_interface(name),
                 }
@@ -218,7 +220,8 @@ impl<'p> Checker<'p> {
         for (index, seen) in vars.iter().enumerate() {
             let name = self.var(*seen).name.clone();
             let rising = name.starts_with("__rise_");
-            if self.var(*seen).owner != Some(pou) || !(rising || name.starts_with("__fall_")) {
+            let owner = self.open_arrays.blocks.get(&pou).copied().unwrap_or(pou);
+            if self.var(*seen).owner != Some(owner) || !(rising || name.starts_with("__fall_")) {
                 continue;
             }
             let (raw, last) = (vars[index - 1], vars[index + 1]);
@@ -437,9 +440,11 @@ impl<'p> Checker<'p> {
                 continue;
             }
             seen.push(at);
-            for base in &self.project.interfaces[at.0 as usize].extends {
-                if let Some(Declared::Interface(id)) = self.names.get(&key(&base.name)) {
-                    todo.push(*id);
+            let interface = &self.project.interfaces[at.0 as usize];
+            for base in &interface.extends {
+                let found = self.lookup_in(&interface.name.name, &base.name);
+                if let Some(Declared::Interface(id)) = found {
+                    todo.push(id);
                 }
             }
         }

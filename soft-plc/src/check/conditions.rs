@@ -69,6 +69,7 @@ pub fn check_expression(
                 crate::diag::Problem::general("E501", format!("there is no program `{name}`"));
             return Err(finish_all(vec![problem], &sources));
         };
+        scope.space.clone_from(&project.pou(id).name);
         scope.pou = (project.pou(id).kind != PouKind::Function).then_some(id);
         for var in &project.pou(id).vars {
             scope.names.insert(key(&project.var(*var).name), *var);

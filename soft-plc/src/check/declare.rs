@@ -10,6 +10,7 @@ use crate::types::{Elem, InterfaceId, TypeId, TypeKind};
 impl<'p> Checker<'p> {
     pub(super) fn collect(&mut self) {
         let project = self.project;
+        self.collect_spaces();
         for (index, decl) in project.types.iter().enumerate() {
             self.claim(&decl.name, Declared::Type(index));
         }
@@ -48,6 +49,7 @@ impl<'p> Checker<'p> {
             name_span: pou.name.span,
             kind: pou.kind,
             library,
+            pattern: false,
             vars: Vec::new(),
             result: None,
             body: Vec::new(),
@@ -82,7 +84,7 @@ impl<'p> Checker<'p> {
                 name.span,
                 format!("`{}` is declared twice", name.name),
             )
-            .hint("types, POUs and global variables share one set of names; case does not count");
+            .hint("types, POUs and global variables of a namespace share one set of names; case does not count");
             self.report(problem);
             return;
         }
@@ -123,6 +125,7 @@ impl<'p> Checker<'p> {
         let decl = &block.decls[d];
         self.globals.insert((b, d), (Progress::Running, None));
         let outside = std::mem::take(&mut self.current);
+        self.current.space.clone_from(&decl.name.name);
         let id = self.declare_var(block, decl, VarSection::Global, None);
         self.current = outside;
         self.globals.insert((b, d), (Progress::Done, Some(id)));
@@ -207,17 +210,24 @@ impl<'p> Checker<'p> {
         let type_name = self.type_name(ty);
         match self.types.kind(ty) {
             TypeKind::Array { elem, .. } => {
-                let elem_ty = self.types.elem(*elem);
-                match elem_ty {
-                    Some(e) if e != Elem::Bool && (e.bits() == 8 || e.bits() >= 32) => Ok(location),
-                    _ => Err(Box::new(
-                        Problem::error("E207", at.span, format!("{type_name} cannot be located"))
-                            .hint("locate its elements as single variables, or use an array of BYTE or DWORD"),
-                    )),
-                }
+                let area = location.area();
+                let wrong = match self.types.elem(*elem).filter(|e| *e != Elem::Ref) {
+                    Some(Elem::Bool) if location.bit.is_none() => {
+                        format!("an address that begins with %{area}X: its elements are bits")
+                    }
+                    Some(elem) if elem != Elem::Bool && location.bit.is_some() => {
+                        format!("an address that begins with %{area}{}", size_of(elem))
+                    }
+                    Some(_) => return Ok(location),
+                    None => "an array of an elementary type".to_owned(),
+                };
+                let message = format!("{type_name} cannot be located at `{}`", at.name);
+                Err(Box::new(
+                    Problem::error("E207", at.span, message).expected(wrong),
+                ))
             }
             _ => {
-                let Some(elem) = self.types.elem(ty) else {
+                let Some(elem) = self.types.elem(ty).filter(|e| *e != Elem::Ref) else {
                     return bad(format!("{type_name} cannot be located"));
                 };
                 let wanted = match location.size {
@@ -228,14 +238,7 @@ impl<'p> Checker<'p> {
                     _ => 64,
                 };
                 if elem.bits() != wanted {
-                    let size = match elem.bits() {
-                        1 => 'X',
-                        8 => 'B',
-                        16 => 'W',
-                        32 => 'D',
-                        _ => 'L',
-                    };
-                    let area = if location.output { 'Q' } else { 'I' };
+                    let (area, size) = (location.area(), size_of(elem));
                     return Err(Box::new(
                         Problem::error(
                             "E207",
@@ -256,6 +259,17 @@ impl<'p> Checker<'p> {
     }
 }
 
+/// The letter of an address that is as wide as the type.
+fn size_of(elem: Elem) -> char {
+    match elem.bits() {
+        1 => 'X',
+        8 => 'B',
+        16 => 'W',
+        32 => 'D',
+        _ => 'L',
+    }
+}
+
 fn bits(n: u32) -> String {
     if n == 1 {
         "1 bit".into()
@@ -267,7 +281,17 @@ fn bits(n: u32) -> String {
 /// Size of the process image, in bytes, that addresses may reach.
 pub const IMAGE_BYTES_MAX: u32 = 64 * 1024;
 
+/// The levels above the bytes of a module, from the lowest: how many there are, and how many bytes each takes.
+const LEVELS: [(&str, u32, u32); 3] = [
+    ("modules in a rack", 16, 256),
+    ("racks on a bus", 4, 16 * 256),
+    ("buses", 4, 4 * 16 * 256),
+];
+
 /// `%IX3.5`, `%QB7`, `%IW2` (bytes 4 and 5), `%ID1` (bytes 4 to 7), `%QL1` (bytes 8 to 15).
+///
+/// More numbers are a hierarchical address (clause 6.5.5.2), bus.rack.module before what has just been shown, the levels on
+/// the left left out as one likes: `%IW2.7` is word 7 of module 2, which has bytes 512 to 767 of the image.
 pub fn parse_location(text: &str, span: Span) -> Fallible<Location> {
     let bad = |message: String| {
         Err(Box::new(Problem::error("E208", span, message).expected(
@@ -297,14 +321,15 @@ pub fn parse_location(text: &str, span: Span) -> Fallible<Location> {
         .split('.')
         .map(|n| n.parse().unwrap_or(u32::MAX))
         .collect();
-    let (unit, bit) = match (size, parts.as_slice()) {
-        ('X', [byte, bit]) if *bit < 8 => (*byte, Some(*bit as u8)),
-        ('X', [_, bit]) if *bit >= 8 => return bad(format!("`{text}`: a byte has bits 0 to 7")),
+    let (unit, bit, above) = match (size, parts.as_slice()) {
+        ('X', [.., bit]) if parts.len() > 1 && *bit >= 8 => {
+            return bad(format!("`{text}`: a byte has bits 0 to 7"));
+        }
+        ('X', [above @ .., byte, bit]) => (*byte, Some(*bit as u8), above),
         // `%IX7` without a bit: the bits are counted through.
-        ('X', [number]) => (*number / 8, Some((*number % 8) as u8)),
-        ('X', _) => return bad(format!("`{text}`: a bit needs a byte and a bit number")),
-        (_, [unit]) => (*unit, None),
-        _ => return bad(format!("`{text}` has too many parts")),
+        ('X', [number]) => (*number / 8, Some((*number % 8) as u8), &[][..]),
+        (_, [above @ .., unit]) => (*unit, None, above),
+        _ => return bad(format!("`{text}` has no number")),
     };
     let width = match size {
         'W' => 2,
@@ -312,11 +337,28 @@ pub fn parse_location(text: &str, span: Span) -> Fallible<Location> {
         'L' => 8,
         _ => 1,
     };
+    if above.len() > LEVELS.len() {
+        return bad(format!(
+            "`{text}` has too many levels: there are bus, rack, module and what the module has"
+        ));
+    }
+    if !above.is_empty() && u64::from(unit) * u64::from(width) + u64::from(width) > 256 {
+        return bad(format!("`{text}`: a module has 256 bytes"));
+    }
+    let mut start = 0;
+    for (number, (level, count, bytes)) in above.iter().rev().zip(LEVELS) {
+        if *number >= count {
+            return bad(format!(
+                "`{text}`: there are {count} {level}, counted from 0"
+            ));
+        }
+        start += number * bytes;
+    }
     match unit.checked_mul(width) {
         Some(byte) if byte + width <= IMAGE_BYTES_MAX => Ok(Location {
             output,
             memory,
-            byte,
+            byte: start + byte,
             bit,
             size,
         }),

@@ -84,17 +84,17 @@ impl Checker<'_> {
 
     /// `Color` in `Color.Red`, as CODESYS writes `Color#Red`.
     fn enum_behind(&mut self, base: &ast::Expr) -> Option<ast::Ident> {
-        let (ast::ExprKind::Name(name) | ast::ExprKind::Field(_, ast::Ident { name, .. })) =
-            &base.kind
-        else {
-            return None;
+        let name = match &base.kind {
+            ast::ExprKind::Name(name) => name.clone(),
+            ast::ExprKind::Field(outer, inner) => self.with_path(outer, inner)?,
+            _ => return None,
         };
-        let Some(Declared::Type(index)) = self.names.get(&key(name)).copied() else {
+        let Some(Declared::Type(index)) = self.lookup(&name) else {
             return None;
         };
         let ty = self.resolve_declared(index, base.span);
-        self.types.is_enum(ty).then(|| ast::Ident {
-            name: name.clone(),
+        self.types.is_enum(ty).then_some(ast::Ident {
+            name,
             span: base.span,
         })
     }
@@ -197,13 +197,13 @@ impl Checker<'_> {
             return error_expr(span);
         };
         let wanted = expected.map(|e| self.types.get(e).same_as);
+        let found = self.nearest(found);
         let chosen = match found.as_slice() {
             [one] => Some(*one),
             many => many.iter().copied().find(|(ty, _)| Some(*ty) == wanted),
         };
         let Some((ty, v)) = chosen else {
             let names: Vec<String> = found
-                .clone()
                 .iter()
                 .map(|(ty, _)| format!("{}#{name}", self.type_name(*ty)))
                 .collect();
@@ -216,6 +216,9 @@ impl Checker<'_> {
     }
 
     pub(super) fn load(&mut self, place: Place) -> Expr {
+        if !self.usable_whole(&place) {
+            return error_expr(place.span);
+        }
         Expr {
             ty: place.ty,
             span: place.span,
@@ -412,8 +415,25 @@ impl Checker<'_> {
             _ if expr.ty == TypeId::UNTYPED_REAL => {
                 Some(format!("convert it: LREAL_TO_{want}(...)"))
             }
-            _ => None,
+            _ => match (self.types.text(expr.ty), self.types.text(ty)) {
+                (Some((true, _)), Some((false, _))) if matches!(expr.kind, ExprKind::Text(_)) => {
+                    Some("a STRING stands between single quotes: 'text'".to_owned())
+                }
+                (Some((false, _)), Some((true, _))) if matches!(expr.kind, ExprKind::Text(_)) => {
+                    Some("a WSTRING stands between double quotes: \"text\"".to_owned())
+                }
+                (Some((wide, _)), Some(_)) if matches!(expr.kind, ExprKind::Load(_)) => {
+                    let pair = if wide {
+                        ("WSTRING", "STRING")
+                    } else {
+                        ("STRING", "WSTRING")
+                    };
+                    Some(format!("convert it: {}_TO_{}(...)", pair.0, pair.1))
+                }
+                _ => None,
+            },
         };
+        let narrow = narrow.filter(|_| !have.starts_with('(') && !want.starts_with('('));
         if expr.ty == TypeId::UNTYPED_INT || expr.ty == TypeId::VOID {
             // A literal or a function without result: there is nothing to convert.
         } else if let Some(hint) = narrow {

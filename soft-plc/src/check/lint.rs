@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::check::tree::{
-    Expr, ExprKind, Location, Place, Pou, PouId, Root, Stmt, StmtKind, TypedProject, VarId,
+    Expr, ExprKind, Location, Place, Pou, PouId, Root, StepKind, Stmt, StmtKind, TypedProject,
+    VarId,
 };
 use crate::check::visit::{Node, visit, visit_writes};
 use crate::diag::{Diagnostic, Problem, finish_all};
@@ -188,7 +189,7 @@ impl Linter<'_> {
             visit(&pou.body, &mut |node| {
                 if let Node::Place(place) = node {
                     for step in &place.steps {
-                        if let crate::check::tree::StepKind::Member(id) = step.kind {
+                        if let StepKind::Member(id) = step.kind {
                             seen.insert(id);
                             written.insert(id);
                         }
@@ -208,7 +209,10 @@ impl Linter<'_> {
             let id = VarId(index as u32);
             let Some(owner) = var.owner else { continue };
             let pou = self.project.pou(owner);
+            // Of a function what was made of it is looked at; a function block shares its variables with that.
+            let stands_for_none = pou.pattern && pou.kind != PouKind::FunctionBlock;
             if pou.library
+                || stands_for_none
                 || pou.name.starts_with("__")
                 || pou.is_abstract
                 || var.name.starts_with("__")
@@ -257,8 +261,13 @@ impl Linter<'_> {
     fn writers(&mut self) {
         // First bit, last bit, who writes, where.
         let mut all: Vec<(u64, u64, PouId, Option<VarId>, Span)> = Vec::new();
+        let mut texts = BTreeSet::new();
         for (index, pou) in self.project.pous.iter().enumerate() {
             let id = PouId(index as u32);
+            // What was made of one text for several kinds of arrays is one writer.
+            if !pou.body.is_empty() && !texts.insert(pou.name_span) {
+                continue;
+            }
             let mut seen = BTreeSet::new();
             let mut note = |place: &Place| {
                 let (location, var) = match place.root {
@@ -272,7 +281,7 @@ impl Linter<'_> {
                 if !location.output || location.memory {
                     return;
                 }
-                let (first, last) = bits(self.project, location, var);
+                let (first, last) = bits(self.project, location, var, place);
                 if seen.insert((first, last, var)) {
                     all.push((first, last, id, var, place.span));
                 }
@@ -306,11 +315,38 @@ impl Linter<'_> {
     }
 }
 
-fn bits(project: &TypedProject, location: Location, var: Option<VarId>) -> (u64, u64) {
-    let first = u64::from(location.byte) * 8;
-    if let Some(bit) = location.bit {
-        let at = first + u64::from(bit);
-        return (at, at);
+/// First and last bit of the image that a place takes: of an array all that its index may mean.
+fn bits(
+    project: &TypedProject,
+    location: Location,
+    var: Option<VarId>,
+    place: &Place,
+) -> (u64, u64) {
+    let first = u64::from(location.byte) * 8 + u64::from(location.bit.unwrap_or(0));
+    if let Some(id) = var
+        && let TypeKind::Array { dims, elem } = project.types.kind(project.var(id).ty)
+        && let Some(elem) = project.types.elem(*elem)
+    {
+        let width = u64::from(elem.bits());
+        let (mut from, mut to) = (0, 0);
+        let indices = match place.steps.first().map(|s| &s.kind) {
+            Some(StepKind::Index(indices)) => indices.as_slice(),
+            _ => &[],
+        };
+        for (at, (low, high)) in dims.iter().enumerate() {
+            let len = (high - low + 1).unsigned_abs();
+            let known = match indices.get(at).map(|i| &i.kind) {
+                Some(ExprKind::Const(value)) => value.as_i128(),
+                _ => None,
+            };
+            let known = known.map(|v| (v - i128::from(*low)).unsigned_abs() as u64);
+            let (least, most) = known.map_or((0, len - 1), |v| (v, v));
+            (from, to) = (from * len + least, to * len + most);
+        }
+        return (first + from * width, first + (to + 1) * width - 1);
+    }
+    if location.bit.is_some() {
+        return (first, first);
     }
     let elem = var.and_then(|v| project.types.elem(project.var(v).ty));
     let width = match (elem, location.size) {

@@ -11,18 +11,6 @@ use crate::syntax::ast::{self, Access, Arg, PouKind, VarSection};
 use crate::types::{TypeId, TypeKind};
 
 impl Checker<'_> {
-    pub(super) fn is_namespace(&mut self, base: &ast::Expr) -> bool {
-        match &base.kind {
-            ast::ExprKind::Name(name) => {
-                self.project.namespaces.contains(&key(name)) && self.find_var(name).is_none()
-            }
-            ast::ExprKind::Field(outer, name) => {
-                self.project.namespaces.contains(&key(&name.name)) && self.is_namespace(outer)
-            }
-            _ => false,
-        }
-    }
-
     /// The call of a method, if the callee is one. `Some(None)` after a mistake.
     pub(super) fn method_call(
         &mut self,
@@ -179,18 +167,26 @@ impl Checker<'_> {
         let inside = self.sees_inside(owner);
         let access = self.pou(method).access;
         let allowed = match access {
-            Access::Public | Access::Internal => true,
+            Access::Public => true,
+            Access::Internal => {
+                let block = owner.map_or_else(String::new, |o| self.pou(o).name.clone());
+                self.same_space(&block, &self.current.space)
+            }
             Access::Protected => inside,
             Access::Private => owner == self.current_block() && inside,
         };
         if !allowed {
             let message = format!("{} cannot be called from here", self.pou(method).name);
-            self.report(
-                Problem::error("E416", span, message)
-                    .hint("it is PRIVATE or PROTECTED: declare it PUBLIC to call it from outside"),
-            );
+            self.report(Problem::error("E416", span, message).hint(
+                "it is PRIVATE, PROTECTED or INTERNAL: declare it PUBLIC to call it from outside",
+            ));
             return None;
         }
+        let interface = match receiver {
+            Receiver::Interface(_, id) => Some(id),
+            _ => None,
+        };
+        let method = self.method_with_bounds(method, interface, args, span)?;
         let virtual_call = !matches!(receiver, Receiver::Fixed(_));
         if virtual_call {
             // All that may run count as called.

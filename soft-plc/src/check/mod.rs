@@ -9,7 +9,9 @@ mod expr;
 mod init;
 mod liberties;
 pub mod lint;
+mod located;
 mod methods;
+mod names;
 mod open_arrays;
 mod operators;
 mod place;
@@ -87,9 +89,14 @@ struct Checker<'p> {
     problems: Vec<Problem>,
     names: BTreeMap<String, Declared>,
     type_ids: Vec<(Progress, TypeId)>,
+    /// Structures that references lead to and whose fields are not known yet.
+    ahead: BTreeMap<String, TypeId>,
+    /// Internal variables whose declaration says who may use them.
+    access: BTreeMap<VarId, crate::syntax::ast::Access>,
     globals: BTreeMap<(usize, usize), (Progress, Option<VarId>)>,
     /// Enumerated values by their name: the enumerations that have it.
     enum_values: BTreeMap<String, Vec<(TypeId, i64)>>,
+    spaces: names::Spaces,
     fb_types: BTreeMap<PouId, TypeId>,
     pending_inits: Vec<(init::Pending, &'p crate::syntax::ast::Init)>,
     /// How many constants need each other right now.
@@ -111,10 +118,14 @@ struct Checker<'p> {
 struct Scope {
     pou: Option<PouId>,
     names: BTreeMap<String, VarId>,
+    /// Where names are looked for first: the namespace of the text, or a name in it.
+    space: String,
     /// Number of loops around the current statement.
     loops: u32,
     /// A wire gets its first value: its type is not known yet.
     defining: bool,
+    /// A located array may stand for all of its elements: one side of an assignment.
+    all_elements: bool,
 }
 
 /// Names are compared without regard to case.
@@ -133,8 +144,11 @@ impl<'p> Checker<'p> {
             problems: Vec::new(),
             names: BTreeMap::new(),
             type_ids: vec![(Progress::Open, TypeId::ERROR); project.types.len()],
+            ahead: BTreeMap::new(),
+            access: BTreeMap::new(),
             globals: BTreeMap::new(),
             enum_values: BTreeMap::new(),
+            spaces: names::Spaces::default(),
             fb_types: BTreeMap::new(),
             pending_inits: Vec::new(),
             init_depth: 0,

@@ -1,8 +1,11 @@
-//! `ARRAY[*] OF T`: parameters of functions that take arrays of any bounds (IEC 61131-3, third edition, clause 6.6.1.2.7).
+//! `ARRAY[*] OF T`: parameters that take arrays of any bounds (IEC 61131-3, third edition, clause 6.5.3): inputs, outputs and
+//! in-outs of functions and methods, in-outs of function blocks.
 //!
-//! A function with such parameters is a pattern. Each call makes, once for each kind of array, a function of its own in which
+//! A POU with such parameters is a pattern. Each call makes, once for each kind of array, a POU of its own in which
 //! the parameters have the bounds of what is passed: inside it `LOWER_BOUND` and `UPPER_BOUND` are constants, and indices are
-//! checked as with any other array.
+//! checked as with any other array. A method is made together with all those that may run in its place, under a name that
+//! tells the bounds. What is made of a function block is a body: the variables are those of the block, so that all
+//! calls of an instance work on one state.
 
 use std::collections::BTreeMap;
 
@@ -12,14 +15,16 @@ use crate::check::{Checker, key};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{self, Arg, PouKind, TypeSpecKind, VarSection};
-use crate::types::{Elem, TypeId, TypeKind};
+use crate::types::{Elem, InterfaceId, TypeId, TypeKind};
 use crate::value::Value;
 
-/// Functions with open arrays: the patterns with their parameters, and what was made of them.
+/// POUs with open arrays: the patterns with their parameters, and what was made of them.
 #[derive(Debug, Default)]
 pub(super) struct OpenArrays {
     patterns: BTreeMap<PouId, Vec<VarId>>,
     made: BTreeMap<(PouId, Vec<TypeId>), PouId>,
+    /// The function block that a body was made of.
+    pub(super) blocks: BTreeMap<PouId, PouId>,
     /// Types for the open parameters of the function that is being declared, in their order; placeholders in a pattern.
     given: Vec<TypeId>,
     /// What `ARRAY[*]` means at the declaration that is being read.
@@ -37,8 +42,14 @@ impl<'p> Checker<'p> {
         let TypeSpecKind::OpenArray { dims, elem } = &decl.spec.kind else {
             return;
         };
-        let allowed = self.pou(pou).kind == PouKind::Function
-            && matches!(section, VarSection::InOut | VarSection::Input);
+        let allowed = match self.pou(pou).kind {
+            PouKind::Function | PouKind::Method => matches!(
+                section,
+                VarSection::InOut | VarSection::Input | VarSection::Output
+            ),
+            PouKind::FunctionBlock => section == VarSection::InOut,
+            PouKind::Program => false,
+        };
         if !allowed {
             return;
         }
@@ -61,9 +72,9 @@ impl<'p> Checker<'p> {
                 Problem::error(
                     "E229",
                     span,
-                    "ARRAY[*] can stand only for a parameter of a function",
+                    "ARRAY[*] can stand only for a parameter",
                 )
-                .expected("VAR_IN_OUT or VAR_INPUT of a FUNCTION")
+                .expected("VAR_INPUT, VAR_OUTPUT or VAR_IN_OUT of a FUNCTION or METHOD, VAR_IN_OUT of a FUNCTION_BLOCK")
                 .hint("give the bounds: `ARRAY[0..9] OF INT`"),
             );
             TypeId::ERROR
@@ -83,9 +94,20 @@ impl<'p> Checker<'p> {
                 .collect();
             let of_open = |v: &VarId| open.contains(&key(&self.var(*v).name));
             let open: Vec<VarId> = self.pou(id).vars.iter().copied().filter(of_open).collect();
-            if !open.is_empty() {
-                self.open_arrays.patterns.insert(id, open);
+            if open.is_empty() {
+                continue;
             }
+            if let Some(relative) = self.relative_of(id) {
+                let span = self.var(open[0]).span;
+                let (own, other) = (self.pou(id).name.clone(), self.pou(relative).name.clone());
+                let message = format!("{own} has ARRAY[*] and cannot be derived: see {other}");
+                self.report(
+                    Problem::error("E229", span, message)
+                        .hint("give the bounds, or take the array in a METHOD"),
+                );
+            }
+            self.pous[index].pattern = true;
+            self.open_arrays.patterns.insert(id, open);
         }
     }
 
@@ -94,10 +116,95 @@ impl<'p> Checker<'p> {
         self.open_arrays.patterns.contains_key(&pou)
     }
 
-    /// The function that a call means: for a pattern the one for the arrays that are passed.
+    /// A base of a function block, or one derived from it.
+    fn relative_of(&self, pou: PouId) -> Option<PouId> {
+        if self.pou(pou).kind != PouKind::FunctionBlock {
+            return None;
+        }
+        let all = (0..self.pous.len() as u32).map(PouId);
+        let derived = all.into_iter().find(|p| self.pou(*p).extends == Some(pou));
+        self.pou(pou).extends.or(derived)
+    }
+
+    /// The POU that a call means: for a pattern the one for the arrays that are passed.
     pub(super) fn with_bounds(&mut self, pou: PouId, args: &[Arg], span: Span) -> Option<PouId> {
-        let Some(open) = self.open_arrays.patterns.get(&pou).cloned() else {
+        let Some(given) = self.given_bounds(pou, args, span)? else {
             return Some(pou);
+        };
+        Some(self.made_of(pou, given, ""))
+    }
+
+    /// The method that a call means. Those that may run in its place, in other function blocks, are made with it.
+    pub(super) fn method_with_bounds(
+        &mut self,
+        method: PouId,
+        interface: Option<InterfaceId>,
+        args: &[Arg],
+        span: Span,
+    ) -> Option<PouId> {
+        let Some(given) = self.given_bounds(method, args, span)? else {
+            return Some(method);
+        };
+        let plain = self.pou(method).name.clone();
+        let plain = key(plain.rsplit('.').next().unwrap_or_default());
+        let bounds: Vec<String> = given.iter().map(|ty| self.bounds_of(*ty)).collect();
+        let suffix = format!("[{}]", bounds.join(" "));
+        let name = plain.clone() + &key(&suffix);
+        for block in (0..self.pous.len() as u32).map(PouId) {
+            if self.pou(block).kind != PouKind::FunctionBlock {
+                continue;
+            }
+            let may_run = match (interface, self.pou(method).instance_of) {
+                (Some(id), _) => self.implements(block, id),
+                (None, Some(owner)) => self.derives_pou(block, owner),
+                (None, None) => false,
+            };
+            let found = self.find_method(block, &plain);
+            if let Some(found) = found.filter(|f| may_run && self.is_pattern(*f)) {
+                let made = self.made_of(found, given.clone(), &suffix);
+                self.give_method(found, &name, made);
+            }
+        }
+        let made = self.made_of(method, given, &suffix);
+        self.give_method(method, &name, made);
+        for interface in &mut self.interfaces {
+            let has = |m: PouId| interface.methods.iter().any(|(_, own)| *own == m);
+            if has(method) && !has(made) {
+                interface.methods.push((name.clone(), made));
+            }
+        }
+        Some(made)
+    }
+
+    /// A method made of `pattern` belongs to the same function block.
+    fn give_method(&mut self, pattern: PouId, name: &str, made: PouId) {
+        let Some(block) = self.pou(pattern).instance_of else {
+            return;
+        };
+        let methods = &mut self.pous[block.0 as usize].methods;
+        if !methods.iter().any(|(n, _)| n == name) {
+            methods.push((name.to_owned(), made));
+        }
+    }
+
+    /// `0:9`, `-1:1,0:4`: part of a name, without dots.
+    fn bounds_of(&self, ty: TypeId) -> String {
+        let TypeKind::Array { dims, .. } = self.types.kind(ty) else {
+            return String::new();
+        };
+        let dims: Vec<String> = dims.iter().map(|(l, h)| format!("{l}:{h}")).collect();
+        dims.join(",")
+    }
+
+    /// The types of the arrays that are passed to a pattern, in the order of its open parameters. `Some(None)`: it is none.
+    fn given_bounds(
+        &mut self,
+        pou: PouId,
+        args: &[Arg],
+        span: Span,
+    ) -> Option<Option<Vec<TypeId>>> {
+        let Some(open) = self.open_arrays.patterns.get(&pou).cloned() else {
+            return Some(None);
         };
         let pairs = self.match_arguments(pou, args, span)?;
         let mut given = Vec::new();
@@ -112,13 +219,50 @@ impl<'p> Checker<'p> {
             };
             given.push(self.bounds_of_argument(parameter, value)?);
         }
-        let known = (pou, given.clone());
+        Some(Some(given))
+    }
+
+    fn made_of(&mut self, pattern: PouId, given: Vec<TypeId>, suffix: &str) -> PouId {
+        let known = (pattern, given.clone());
         if let Some(made) = self.open_arrays.made.get(&known) {
-            return Some(*made);
+            return *made;
         }
-        let made = self.make(pou, given);
+        let made = if self.pou(pattern).kind == PouKind::FunctionBlock {
+            self.make_body(pattern, given)
+        } else {
+            self.make(pattern, given)
+        };
+        self.pous[made.0 as usize].name.push_str(suffix);
         self.open_arrays.made.insert(known, made);
-        Some(made)
+        made
+    }
+
+    /// A body of a function block for these arrays; everything else is the block's own.
+    fn make_body(&mut self, pattern: PouId, given: Vec<TypeId>) -> PouId {
+        let id = PouId(self.pous.len() as u32);
+        let mut unit = self.pou(pattern).clone();
+        (unit.calls, unit.pattern) = (Default::default(), false);
+        // What belongs to the block is this body's own too.
+        unit.extends = Some(pattern);
+        let mut names = self.scopes[pattern.0 as usize].clone();
+        let open = self.open_arrays.patterns.get(&pattern).cloned();
+        for (parameter, ty) in open.unwrap_or_default().into_iter().zip(given) {
+            let own = VarId(self.vars.len() as u32);
+            let mut var = self.var(parameter).clone();
+            (var.ty, var.owner) = (ty, Some(id));
+            names.insert(key(&var.name), own);
+            self.vars.push(var);
+            let at = unit.vars.iter_mut().find(|v| **v == parameter);
+            at.into_iter().for_each(|v| *v = own);
+        }
+        self.pous.push(unit);
+        self.syntaxes.push(self.syntaxes[pattern.0 as usize]);
+        self.scopes.push(names);
+        self.open_arrays.blocks.insert(id, pattern);
+        if let Some(ty) = self.fb_types.get(&pattern).copied() {
+            self.fb_types.insert(id, ty);
+        }
+        id
     }
 
     /// The type of what is passed, if it is an array of the right elements and as many dimensions.
@@ -147,7 +291,7 @@ impl<'p> Checker<'p> {
         None
     }
 
-    /// A function of its own, declared now; its body is checked with all others.
+    /// A function or method of its own, declared now; its body is checked with all others.
     fn make(&mut self, pattern: PouId, given: Vec<TypeId>) -> PouId {
         let id = PouId(self.pous.len() as u32);
         let unit = Pou {
@@ -155,6 +299,7 @@ impl<'p> Checker<'p> {
             result: None,
             body: Vec::new(),
             calls: Default::default(),
+            pattern: false,
             ..self.pou(pattern).clone()
         };
         self.pous.push(unit);
@@ -165,7 +310,12 @@ impl<'p> Checker<'p> {
         let settled = self.pending_inits.len();
         self.enter(Some(id));
         self.declare_pou(id);
-        self.scopes[id.0 as usize] = std::mem::take(&mut self.current.names);
+        let own = std::mem::take(&mut self.current.names);
+        // Names of a method hide those of its function block.
+        let block = self.pou(id).instance_of;
+        let mut names = block.map_or_else(BTreeMap::new, |b| self.scopes[b.0 as usize].clone());
+        names.extend(own);
+        self.scopes[id.0 as usize] = names;
         self.settle_inits(settled);
         self.current = outside;
         id

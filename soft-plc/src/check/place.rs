@@ -16,15 +16,15 @@ impl Checker<'_> {
         if let Some(id) = self.current.names.get(&name) {
             return Some(*id);
         }
-        match self.names.get(&name).copied() {
+        match self.lookup(&name) {
             Some(Declared::Global(b, d)) => self.declare_global(b, d),
             _ => None,
         }
     }
 
     pub(super) fn find_declared_pou(&self, name: &str) -> Option<PouId> {
-        match self.names.get(&key(name)) {
-            Some(Declared::Pou(id)) => Some(*id),
+        match self.lookup(name) {
+            Some(Declared::Pou(id)) => Some(id),
             _ => None,
         }
     }
@@ -93,9 +93,9 @@ impl Checker<'_> {
                 })
             }
             ast::ExprKind::Field(base, field) => {
-                if self.is_namespace(base) {
+                if let Some(path) = self.with_path(base, field) {
                     let name = ast::Expr {
-                        kind: ast::ExprKind::Name(field.name.clone()),
+                        kind: ast::ExprKind::Name(path),
                         span: expr.span,
                     };
                     return self.place(&name);
@@ -211,14 +211,21 @@ impl Checker<'_> {
             return None;
         };
         let own = self.sees_inside(self.var(id).owner);
+        let given = match self.access.get(&id) {
+            Some(ast::Access::Public) => true,
+            Some(ast::Access::Internal) => self.same_space(&name, &self.current.space),
+            _ => false,
+        };
         match self.var(id).section {
             VarSection::Input | VarSection::Output => {}
+            VarSection::Local if given => {}
             VarSection::Local if self.options.allow_internal_access || own => {}
             section => {
                 let message = format!("`{}` is internal to {name} ({section})", field.name);
                 self.report(
                     Problem::error("E313", field.span, message)
-                        .expected("one of its inputs or outputs"),
+                        .expected("one of its inputs or outputs")
+                        .hint("variables of VAR PUBLIC are for all"),
                 );
                 return None;
             }
@@ -513,7 +520,9 @@ impl Checker<'_> {
         }
         candidates.extend(self.enum_values.keys().cloned());
         let mut problem = Problem::error("E301", span, format!("`{name}` is not declared"));
-        if let Some(close) = closest(name, &candidates) {
+        if let Some(hint) = self.elsewhere(name) {
+            problem = problem.hint(hint);
+        } else if let Some(close) = closest(name, &candidates) {
             problem = problem.hint(format!("did you mean `{close}`?"));
         }
         self.report(problem);
@@ -545,6 +554,9 @@ impl Checker<'_> {
             .any(|s| matches!(s.kind, StepKind::Deref))
         {
             return true;
+        }
+        if !self.usable_whole(place) {
+            return false;
         }
         let var = self.var(root).clone();
         if var.open_input {

@@ -18,8 +18,10 @@ impl<'p> Checker<'p> {
         self.current = Scope {
             pou,
             names: pou.map_or_else(BTreeMap::new, |p| self.scopes[p.0 as usize].clone()),
+            space: pou.map_or_else(String::new, |p| self.pou(p).name.clone()),
             loops: 0,
             defining: false,
+            all_elements: false,
         };
     }
 
@@ -48,6 +50,9 @@ impl<'p> Checker<'p> {
         if let Some(base) = before {
             self.declare_with_bases(base, done);
             names.clone_from(&self.scopes[base.0 as usize]);
+            if self.pou(id).extends.is_some() {
+                names.retain(|_, var| self.access.get(var) != Some(&ast::Access::Private));
+            }
         }
         self.enter(Some(id));
         if let Some(base) = self.pou(id).extends {
@@ -83,7 +88,7 @@ impl<'p> Checker<'p> {
             }
             let var = VarId(self.vars.len() as u32);
             self.vars.push(Var {
-                name: syntax.name.name.clone(),
+                name: last_part(&syntax.name.name).to_owned(),
                 ty,
                 section: VarSection::Local,
                 constant: false,
@@ -96,7 +101,9 @@ impl<'p> Checker<'p> {
                 span: syntax.name.span,
             });
             self.pous[id.0 as usize].result = Some(var);
-            self.current.names.insert(key(&syntax.name.name), var);
+            self.current
+                .names
+                .insert(key(last_part(&syntax.name.name)), var);
         }
         // Constants first: the bounds of an array may name one that is declared below it. The variables stand in the order of the
         // text, which is that of calls without names, and of memory.
@@ -122,8 +129,18 @@ impl<'p> Checker<'p> {
             self.check_section(syntax, block, decl);
             self.before_open_array(id, block.section, decl);
             let var = self.declare_var(block, decl, block.section, Some(id));
+            if let Some(access) = block.access {
+                self.access.insert(var, access);
+            }
             let name = key(&decl.name.name);
-            if self.current.names.contains_key(&name) {
+            // A private variable of the base is out of sight, and still one of the instance.
+            let inherited = self.pou(id).extends.is_some()
+                && self
+                    .pou(id)
+                    .vars
+                    .iter()
+                    .any(|v| key(&self.var(*v).name) == name);
+            if inherited || self.current.names.contains_key(&name) {
                 let message = format!("the variable `{}` is declared twice", decl.name.name);
                 self.report(Problem::error("E201", decl.name.span, message));
             }
@@ -220,7 +237,7 @@ impl<'p> Checker<'p> {
     /// VAR_EXTERNAL makes a global variable visible under its name.
     fn declare_external(&mut self, decl: &'p ast::VarDecl) {
         let name = &decl.name.name;
-        let Some(Declared::Global(b, d)) = self.names.get(&key(name)).copied() else {
+        let Some(Declared::Global(b, d)) = self.lookup(name) else {
             let message = format!("there is no global variable `{name}`");
             self.report(
                 Problem::error("E223", decl.name.span, message)
@@ -320,4 +337,9 @@ impl<'p> Checker<'p> {
             self.leave();
         }
     }
+}
+
+/// The name without the path of its namespace.
+fn last_part(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
 }

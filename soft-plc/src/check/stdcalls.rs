@@ -658,7 +658,7 @@ impl Checker<'_> {
         if let Some(elem) = Elem::from_name(name) {
             return Some(TypeId::of(elem));
         }
-        let Some(Declared::Type(index)) = self.names.get(name).copied() else {
+        let Some(Declared::Type(index)) = self.lookup(name) else {
             return None;
         };
         let span = self.project.types[index].name.span;

@@ -210,12 +210,20 @@ impl Checker<'_> {
             .as_ref()
             .map(|p| p.ty)
             .filter(|t| *t != TypeId::INFERRED);
+        self.current.all_elements = matches!(
+            value.kind,
+            ast::ExprKind::Name(_) | ast::ExprKind::Field(..)
+        );
         let typed = self.expr(value, expected);
+        self.current.all_elements = false;
         let mut place = place?;
         if place.ty == TypeId::INFERRED {
             place.ty = self.infer(&place, &typed)?;
         }
-        if !self.writable(&place) {
+        self.current.all_elements = true;
+        let writable = self.writable(&place);
+        self.current.all_elements = false;
+        if !writable {
             return None;
         }
         if matches!(
@@ -231,7 +239,13 @@ impl Checker<'_> {
             return None;
         }
         let typed = self.coerce(typed, place.ty);
-        (typed.ty != TypeId::ERROR).then_some(StmtKind::Assign(place, typed))
+        if typed.ty == TypeId::ERROR {
+            return None;
+        }
+        match self.by_elements(&place, &typed) {
+            Some(assignments) => assignments,
+            None => Some(StmtKind::Assign(place, typed)),
+        }
     }
 
     /// The wire takes the type of its first value.

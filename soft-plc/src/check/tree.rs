@@ -8,7 +8,7 @@ use crate::check::stdfun::StdFun;
 use crate::diag::Diagnostic;
 use crate::source::{Sources, Span};
 use crate::syntax::ast::{Access, BinOp, PouKind, Project, UnOp, VarSection};
-use crate::types::{Elem, InterfaceId, TypeId, TypeTable};
+use crate::types::{Elem, InterfaceId, TypeId, TypeKind, TypeTable};
 use crate::value::Value;
 
 pub use crate::check::visit::{visit_expr, visit_place, visit_places};
@@ -43,11 +43,15 @@ impl TypedProject {
         &self.pous[id.0 as usize]
     }
 
+    /// The POU of this name; the path of a namespace may be left out.
     pub fn find_pou(&self, name: &str) -> Option<PouId> {
-        let found = self
-            .pous
-            .iter()
-            .position(|p| p.name.eq_ignore_ascii_case(name));
+        let last = |p: &Pou| {
+            let last = p.name.rsplit_once('.').map(|(_, last)| last);
+            p.kind != PouKind::Method && last.is_some_and(|l| l.eq_ignore_ascii_case(name))
+        };
+        let exact = |p: &Pou| p.name.eq_ignore_ascii_case(name);
+        let found = self.pous.iter().position(exact);
+        let found = found.or_else(|| self.pous.iter().position(last));
         found.map(|index| PouId(index as u32))
     }
 
@@ -109,7 +113,7 @@ impl TypedProject {
     /// The name of a type as the user would write it.
     pub fn type_name(&self, ty: TypeId) -> String {
         match self.types.kind(ty) {
-            crate::types::TypeKind::FunctionBlock(pou) => self.pou(*pou).name.clone(),
+            TypeKind::FunctionBlock(pou) => self.pou(*pou).name.clone(),
             _ => self.types.name(ty),
         }
     }
@@ -132,7 +136,7 @@ impl TypedProject {
         for step in &place.steps {
             match &step.kind {
                 StepKind::Field(index, owner) => {
-                    let crate::types::TypeKind::Struct { fields } = self.types.kind(*owner) else {
+                    let TypeKind::Struct { fields } = self.types.kind(*owner) else {
                         return None;
                     };
                     path.push('.');
@@ -173,13 +177,20 @@ pub struct Location {
     pub size: char,
 }
 
-impl std::fmt::Display for Location {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let area = match (self.memory, self.output) {
+impl Location {
+    /// The letter of its area.
+    pub fn area(&self) -> char {
+        match (self.memory, self.output) {
             (true, _) => 'M',
             (_, true) => 'Q',
             _ => 'I',
-        };
+        }
+    }
+}
+
+impl std::fmt::Display for Location {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let area = self.area();
         match (self.bit, self.size) {
             (Some(bit), _) => write!(f, "%{area}X{}.{bit}", self.byte),
             (None, 'W') => write!(f, "%{area}W{}", self.byte / 2),
@@ -208,6 +219,20 @@ pub struct Var {
     pub span: Span,
 }
 
+impl Var {
+    /// For a located array whose elements lie closer in the image than in memory, bits side by side and two bytes for
+    /// 16 bits: what they are. Such an array has no address that a POU could be given; its elements are reached one by one.
+    pub fn image_elem(&self, types: &TypeTable) -> Option<Elem> {
+        self.location?;
+        let TypeKind::Array { elem, .. } = types.kind(self.ty) else {
+            return None;
+        };
+        types
+            .elem(*elem)
+            .filter(|e| *e == Elem::Bool || e.bits() == 16)
+    }
+}
+
 /// An initial value, as far as it differs from that of the type.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitValue {
@@ -229,6 +254,8 @@ pub struct Pou {
     pub kind: PouKind,
     /// Part of the built-in library.
     pub library: bool,
+    /// It has parameters of `ARRAY[*]` and no body: calls mean what was made of it.
+    pub pattern: bool,
     /// All variables in the order of their declaration.
     pub vars: Vec<VarId>,
     /// For a function with a result: the variable that carries the function's name.

@@ -30,6 +30,7 @@ impl<'p> Checker<'p> {
         self.type_ids[index].0 = Progress::Running;
         let outside = std::mem::take(&mut self.current);
         let decl = &self.project.types[index];
+        self.current.space.clone_from(&decl.name.name);
         let mut id = self.resolve_spec(&decl.spec, Some(&decl.name.name));
         let is_new = self.types.get(id).name.as_deref() == Some(decl.name.name.as_str());
         if !is_new && id != TypeId::ERROR {
@@ -67,7 +68,10 @@ impl<'p> Checker<'p> {
                 self.types.string(*wide, len as u32)
             }
             TypeSpecKind::Ref(to) => {
-                let target = self.resolve_spec(to, None);
+                let target = match self.structure_ahead(to) {
+                    Some(target) => target,
+                    None => self.resolve_spec(to, None),
+                };
                 if target == TypeId::ERROR {
                     return TypeId::ERROR;
                 }
@@ -164,13 +168,47 @@ impl<'p> Checker<'p> {
                         init: None,
                     });
                 }
-                let id = self.types.add(new_name, TypeKind::Struct { fields: list });
+                let kind = TypeKind::Struct { fields: list };
+                let ahead = name.and_then(|n| self.ahead.remove(&key(n)));
+                let id = match ahead {
+                    Some(id) => {
+                        self.types.set_kind(id, kind);
+                        id
+                    }
+                    None => self.types.add(new_name, kind),
+                };
                 for (field, init) in inits {
                     self.pending_inits.push((Pending::Field(id, field), init));
                 }
                 id
             }
         }
+    }
+
+    /// The structure that a reference leads to, before its fields are known: it may hold references to itself, or to
+    /// another one that leads back.
+    fn structure_ahead(&mut self, to: &TypeSpec) -> Option<TypeId> {
+        let TypeSpecKind::Named(ident) = &to.kind else {
+            return None;
+        };
+        let Some(Declared::Type(index)) = self.lookup(&ident.name) else {
+            return None;
+        };
+        let decl = &self.project.types[index];
+        let unknown = self.type_ids[index].0 != Progress::Done;
+        if !unknown || !matches!(decl.spec.kind, TypeSpecKind::Struct { .. }) {
+            return None;
+        }
+        let name = key(&decl.name.name);
+        if let Some(id) = self.ahead.get(&name) {
+            return Some(*id);
+        }
+        let fields = Vec::new();
+        let id = self
+            .types
+            .add(Some(decl.name.name.clone()), TypeKind::Struct { fields });
+        self.ahead.insert(name, id);
+        Some(id)
     }
 
     fn resolve_enum(
@@ -239,7 +277,7 @@ impl<'p> Checker<'p> {
         if let Some(elem) = Elem::from_name(&ident.name) {
             return TypeId::of(elem);
         }
-        match self.names.get(&key(&ident.name)).copied() {
+        match self.lookup(&ident.name) {
             Some(Declared::Interface(id)) => self.interface_types[id.0 as usize],
             Some(Declared::Type(index)) => self.resolve_declared(index, ident.span),
             Some(Declared::Pou(pou)) => match self.fb_types.get(&pou) {
@@ -268,7 +306,9 @@ impl<'p> Checker<'p> {
                     ident.span,
                     format!("the type `{}` is not declared", ident.name),
                 );
-                if let Some(close) = closest(&ident.name, &candidates) {
+                if let Some(hint) = self.elsewhere(&ident.name) {
+                    problem = problem.hint(hint);
+                } else if let Some(close) = closest(&ident.name, &candidates) {
                     problem = problem.hint(format!("did you mean `{close}`?"));
                 }
                 self.report(problem);

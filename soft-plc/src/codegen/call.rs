@@ -228,8 +228,14 @@ impl Fun<'_, '_> {
     fn is_ordinary(&self, place: &Place) -> bool {
         let project = self.m.project;
         match place.steps.last().map(|s| &s.kind) {
-            Some(StepKind::Index(_)) => !self.elem(place.ty).is_packed_in_arrays(),
-            Some(crate::check::tree::StepKind::Char(_)) => false,
+            Some(StepKind::Index(_)) => {
+                let closer = match place.root {
+                    Root::Var(id) => project.var(id).image_elem(&project.types),
+                    _ => None,
+                };
+                closer.is_none() && !self.elem(place.ty).is_packed_in_arrays()
+            }
+            Some(StepKind::Char(_)) => false,
             Some(_) => true,
             None => match place.root {
                 Root::This => true,

@@ -22,6 +22,8 @@ pub enum Form {
     Image,
     /// A bit of a byte in the process image.
     ImageBit(u8),
+    /// The same for an element of an array: the lowest three bits of a local say which.
+    ImageBitAt(u32),
 }
 
 /// An address: what was pushed, plus `offset`.
@@ -146,6 +148,8 @@ impl Fun<'_, '_> {
         };
         let mut ty = place.ty;
         let mut address_is_value = false;
+        // A located array whose elements lie closer than in memory, and the bit that it begins with.
+        let mut closer = None;
         match place.root {
             Root::This => {
                 // A program has one instance, at a fixed place: its actions need no address.
@@ -202,6 +206,7 @@ impl Fun<'_, '_> {
                             addr.form = location.bit.map_or(Form::Image, Form::ImageBit);
                             if project.types.is_aggregate(var.ty) {
                                 addr.form = Form::Cell;
+                                closer = var.image_elem(&project.types);
                             }
                         }
                     }
@@ -222,7 +227,20 @@ impl Fun<'_, '_> {
                     let TypeKind::Array { dims, elem } = project.types.kind(ty).clone() else {
                         continue;
                     };
-                    let stride = self.m.plan.sizes.stride(project, elem) as u32;
+                    let bit = match place.root {
+                        Root::Var(id) => project.var(id).location.and_then(|l| l.bit),
+                        _ => None,
+                    };
+                    let closer = closer.take();
+                    if closer == Some(Elem::Bool) {
+                        dynamic = self.bit_of_image(indices, &dims, bit.unwrap_or(0), &mut addr);
+                        ty = step.ty;
+                        continue;
+                    }
+                    let stride = match closer {
+                        Some(elem) => elem.image_bytes(),
+                        None => self.m.plan.sizes.stride(project, elem) as u32,
+                    };
                     let mut weights = vec![stride; dims.len()];
                     for d in (1..dims.len()).rev() {
                         let count = (dims[d].1 - dims[d].0 + 1) as u32;
@@ -250,7 +268,11 @@ impl Fun<'_, '_> {
                         .types
                         .elem(elem)
                         .is_some_and(Elem::is_packed_in_arrays);
-                    addr.form = if packed { Form::Packed } else { Form::Cell };
+                    addr.form = match (closer, packed) {
+                        (Some(_), _) => Form::Image,
+                        (None, true) => Form::Packed,
+                        (None, false) => Form::Cell,
+                    };
                 }
                 StepKind::Bit(_) | StepKind::Part(..) => continue,
                 StepKind::Deref => {
@@ -307,6 +329,45 @@ impl Fun<'_, '_> {
             ty = step.ty;
         }
         (dynamic, addr)
+    }
+
+    /// An element of a located array of BOOL, bits side by side from `first` on. Answers whether something was pushed.
+    fn bit_of_image(
+        &mut self,
+        indices: &[Expr],
+        dims: &[(i64, i64)],
+        first: u8,
+        addr: &mut Addr,
+    ) -> bool {
+        let mut known = u32::from(first);
+        let mut pushed = false;
+        let mut weight = 1u32;
+        for (index, bounds) in indices.iter().zip(dims).rev() {
+            if let ExprKind::Const(value) = &index.kind {
+                let at = value.as_i128().unwrap_or(0) - i128::from(bounds.0);
+                known = known.wrapping_add((at as u32).wrapping_mul(weight));
+            } else {
+                self.index(index, *bounds, weight, &mut known);
+                if pushed {
+                    self.i(I::I32Add);
+                }
+                pushed = true;
+            }
+            weight = weight.saturating_mul((bounds.1 - bounds.0 + 1) as u32);
+        }
+        if !pushed {
+            addr.offset += known / 8;
+            addr.form = Form::ImageBit((known % 8) as u8);
+            return false;
+        }
+        let number = self.new_local(ValType::I32);
+        self.i(I::I32Const(known as i32));
+        self.i(I::I32Add);
+        self.i(I::LocalTee(number));
+        self.i(I::I32Const(3));
+        self.i(I::I32ShrU);
+        addr.form = Form::ImageBitAt(number);
+        true
     }
 
     /// Pushes `(index - low) * weight` after checking the bounds, or less than that, and the rest is added to `offset`.
@@ -504,6 +565,13 @@ impl Fun<'_, '_> {
                 self.i(I::I32Const(1));
                 self.i(I::I32And);
             }
+            Form::ImageBitAt(number) => {
+                self.i(I::I32Load8U(mem(o, 0)));
+                self.bit_number(number);
+                self.i(I::I32ShrU);
+                self.i(I::I32Const(1));
+                self.i(I::I32And);
+            }
             Form::Packed | Form::Image if elem.bits() <= 8 => self.i(if elem == Elem::Sint {
                 I::I32Load8S(mem(o, 0))
             } else {
@@ -524,6 +592,12 @@ impl Fun<'_, '_> {
                 });
             }
         }
+    }
+
+    fn bit_number(&mut self, number: u32) {
+        self.i(I::LocalGet(number));
+        self.i(I::I32Const(7));
+        self.i(I::I32And);
     }
 
     /// Stores the value on the stack to the base below it.
@@ -550,6 +624,25 @@ impl Fun<'_, '_> {
                     self.i(I::I32Const(i32::from(bit)));
                     self.i(I::I32Shl);
                 }
+                self.i(I::I32Or);
+                self.i(I::I32Store8(mem(o, 0)));
+                self.release(base);
+                self.release(value);
+            }
+            Form::ImageBitAt(number) => {
+                let value = self.temp(ValType::I32);
+                let base = self.temp(ValType::I32);
+                self.i(I::LocalSet(value));
+                self.i(I::LocalTee(base));
+                self.i(I::LocalGet(base));
+                self.i(I::I32Load8U(mem(o, 0)));
+                self.i(I::I32Const(-2));
+                self.bit_number(number);
+                self.i(I::I32Rotl);
+                self.i(I::I32And);
+                self.i(I::LocalGet(value));
+                self.bit_number(number);
+                self.i(I::I32Shl);
                 self.i(I::I32Or);
                 self.i(I::I32Store8(mem(o, 0)));
                 self.release(base);

@@ -480,6 +480,7 @@ impl Reader<'_> {
     fn var_block(&mut self, node: Node<'_, '_>, section: VarSection) -> VarBlock {
         let flag = |name| node.attribute(name) == Some("true");
         let mut block = VarBlock {
+            access: None,
             section,
             constant: flag("constant"),
             retain: flag("retain"),

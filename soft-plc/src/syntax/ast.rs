@@ -23,8 +23,24 @@ pub struct Project {
     /// POUs of the built-in library (timers, counters, edges); a project's own POU of the same name takes precedence.
     pub library: Vec<Pou>,
     pub interfaces: Vec<Interface>,
-    /// Names of all namespaces, in upper case. Their contents share one set of names.
-    pub namespaces: Vec<String>,
+    /// Namespaces as they are declared. What stands in one has its path before its name: `Space.Inner.Name`.
+    pub namespaces: Vec<Namespace>,
+    pub usings: Vec<Using>,
+}
+
+/// `NAMESPACE INTERNAL a.b`
+#[derive(Clone, Debug)]
+pub struct Namespace {
+    pub path: String,
+    pub internal: bool,
+}
+
+/// `USING a.b;`
+#[derive(Clone, Debug)]
+pub struct Using {
+    /// The namespace or POU that it stands in; empty for the whole project.
+    pub within: String,
+    pub path: Ident,
 }
 
 /// INTERFACE: methods that function blocks promise to have.
@@ -148,6 +164,8 @@ pub struct VarBlock {
     pub section: VarSection,
     pub constant: bool,
     pub retain: bool,
+    /// Who may use the variables of a function block or class from outside; nobody but derived ones if nothing is said.
+    pub access: Option<Access>,
     pub decls: Vec<VarDecl>,
 }
 
@@ -192,6 +210,8 @@ pub struct Class {
     pub is_override: bool,
     pub access: Access,
     pub methods: Vec<Pou>,
+    /// Namespaces whose contents have short names here.
+    pub usings: Vec<Ident>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]

@@ -133,6 +133,7 @@ impl At {
 
 pub fn block(section: VarSection, decls: Vec<VarDecl>) -> VarBlock {
     VarBlock {
+        access: None,
         section,
         constant: false,
         retain: false,

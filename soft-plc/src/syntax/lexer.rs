@@ -19,8 +19,8 @@ pub enum Tok {
     Int,
     #[regex(r"[0-9][0-9_]*#[0-9A-Fa-f][0-9A-Fa-f_]*")]
     Based,
-    #[regex(r"[0-9][0-9_]*\.[0-9][0-9_]*([eE][+-]?[0-9]+)?")]
-    #[regex(r"[0-9][0-9_]*[eE][+-]?[0-9]+")]
+    #[regex(r"[0-9][0-9_]*\.[0-9][0-9_]*([eE][+-]?[0-9][0-9_]*)?")]
+    #[regex(r"[0-9][0-9_]*[eE][+-]?[0-9][0-9_]*")]
     Real,
     #[regex(r"(?i)(T|TIME|LT|LTIME)#[+-]?[0-9][0-9a-z_.]*", priority = 20)]
     Time,
@@ -98,6 +98,8 @@ pub enum Tok {
     #[token("//", comment_line)]
     #[token("{", pragma)]
     Comment(bool),
+    /// A string that is not closed on its line: told already.
+    Broken,
     Eof,
 }
 
@@ -166,7 +168,13 @@ pub fn lex(source: u32, text: &str, base: usize, problems: &mut Vec<Problem>) ->
                 tokens.push(Token { tok, span });
             }
             Ok(tok) => tokens.push(Token { tok, span }),
-            Err(()) => problems.push(unknown(lexer.slice(), span)),
+            Err(()) => {
+                let slice = lexer.slice();
+                problems.push(unknown(slice, span));
+                if slice.starts_with(['\'', '"']) {
+                    broken(slice, span, &mut tokens);
+                }
+            }
         }
     }
     let span = Span::new(source, base + text.len(), base + text.len());
@@ -177,17 +185,57 @@ pub fn lex(source: u32, text: &str, base: usize, problems: &mut Vec<Problem>) ->
     tokens
 }
 
+/// What stands in the place of a string that is not closed, so that the statement around it can be read: a value, and the
+/// semicolon at the end of the line.
+fn broken(slice: &str, span: Span, tokens: &mut Vec<Token>) {
+    let tok = Tok::Broken;
+    tokens.push(Token { tok, span });
+    if slice.trim_end().ends_with(';') {
+        let end = span.start + slice.trim_end().len() as u32;
+        let span = Span {
+            start: end - 1,
+            end,
+            ..span
+        };
+        tokens.push(Token {
+            tok: Tok::Semi,
+            span,
+        });
+    }
+}
+
+/// What is written instead of a sign that other languages have.
+fn instead(sign: char) -> Option<&'static str> {
+    Some(match sign {
+        '!' => "`<>` is not equal, NOT negates",
+        '|' => "OR joins conditions and bit strings",
+        '#' => "a number to a base looks like 16#FF, a value with its type like INT#5",
+        '~' => "NOT negates bit strings",
+        '‘' | '’' | '“' | '”' | '`' | '´' => {
+            "a string stands between straight quotes: 'text'"
+        }
+        '–' | '—' | '−' => "a minus is `-`",
+        _ => return None,
+    })
+}
+
 fn unknown(slice: &str, span: Span) -> Problem {
     match slice.chars().next() {
         Some('\'' | '"') => Problem::error("E102", span, "this string is not closed on its line")
             .hint("write `$N` for a line feed inside a string"),
+        Some('%') if slice == "%" => Problem::error("E103", span, "`%` is no direct address")
+            .expected("an address such as %IX3.5, %QW2 or %ID4")
+            .hint("MOD gives the rest of a division"),
         Some('%') => Problem::error("E103", span, format!("`{slice}` is no direct address"))
             .expected("an address such as %IX3.5, %QW2 or %ID4"),
-        _ => Problem::error(
-            "E104",
-            span,
-            format!("`{slice}` does not belong to Structured Text"),
-        ),
+        sign => {
+            let message = format!("`{slice}` does not belong to Structured Text");
+            let problem = Problem::error("E104", span, message);
+            match sign.and_then(instead) {
+                Some(hint) => problem.hint(hint),
+                None => problem,
+            }
+        }
     }
 }
 
@@ -255,7 +303,7 @@ impl Tok {
             Tok::Date | Tok::DateTime => return "a date".into(),
             Tok::TimeOfDay => return "a time of day".into(),
             Tok::TryAssign => "?=",
-            Tok::Str | Tok::WStr => return "a string".into(),
+            Tok::Str | Tok::WStr | Tok::Broken => return "a string".into(),
             Tok::Direct => return "a direct address".into(),
             Tok::Eof => return "the end of the text".into(),
             Tok::Comment(_) => return "a comment".into(),

@@ -3,9 +3,11 @@
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{
-    Access, Class, Edge, Ident, Interface, Pou, PouKind, Project, VarBlock, VarDecl, VarSection,
+    Access, Class, Edge, Ident, Interface, Namespace, Pou, PouKind, Project, Using, VarBlock,
+    VarDecl, VarSection,
 };
 use crate::syntax::lexer::{Kw, Tok};
+use crate::syntax::parse_stmt::starts_statement;
 use crate::syntax::parser::{Parsed, Parser, Stop};
 
 fn section(kw: Kw) -> Option<VarSection> {
@@ -48,12 +50,46 @@ pub(super) fn ends_variables(kw: Kw) -> bool {
         )
 }
 
+/// How many there were.
+struct Declared {
+    types: usize,
+    pous: usize,
+    interfaces: usize,
+    globals: usize,
+}
+
+impl Declared {
+    fn of(project: &Project) -> Self {
+        Self {
+            types: project.types.len(),
+            pous: project.pous.len(),
+            interfaces: project.interfaces.len(),
+            globals: project.globals.len(),
+        }
+    }
+}
+
+fn join(space: &str, name: &str) -> String {
+    match space {
+        "" => name.to_owned(),
+        _ => format!("{space}.{name}"),
+    }
+}
+
+/// Whether the path is that of the namespace, or of one in it.
+fn is_within(path: &str, space: &str) -> bool {
+    let (path, space) = (path.to_ascii_uppercase(), space.to_ascii_uppercase());
+    let rest = path.strip_prefix(&space);
+    space.is_empty() || rest.is_some_and(|r| r.is_empty() || r.starts_with('.'))
+}
+
 impl Parser<'_> {
     pub fn file(&mut self, project: &mut Project, library: bool) {
         loop {
             let before = self.position();
+            let declared = Declared::of(project);
             let result = match self.peek() {
-                Tok::Eof => return,
+                Tok::Eof => break,
                 Tok::Semi => {
                     self.advance();
                     continue;
@@ -69,9 +105,21 @@ impl Parser<'_> {
                 }
                 Tok::Ident if self.at_word("INTERFACE") => self.interface(project),
                 Tok::Ident if self.at_word("NAMESPACE") => self.namespace(project),
-                Tok::Ident if self.at_word("USING") => self.using(),
+                Tok::Ident if self.at_word("USING") => self.using().map(|list| {
+                    let within = self.space();
+                    project.usings.extend(list.into_iter().map(|path| Using {
+                        within: within.clone(),
+                        path,
+                    }));
+                }),
                 Tok::Kw(Kw::EndNamespace) => {
-                    self.advance();
+                    let span = self.advance().span;
+                    if self.spaces.pop().is_none() {
+                        self.report(
+                            Problem::error("E119", span, "END_NAMESPACE closes nothing")
+                                .hint("remove it, or begin with NAMESPACE and a name"),
+                        );
+                    }
                     continue;
                 }
                 _ => Err(self.unexpected(
@@ -79,53 +127,102 @@ impl Parser<'_> {
                 )),
             };
             self.pou = None;
+            self.put_in_space(declared, project);
             if result.is_err() {
                 if self.position() == before {
                     self.advance();
                 }
-                while !matches!(self.peek(), Tok::Eof)
+                while !matches!(self.peek(), Tok::Eof | Tok::Kw(Kw::EndNamespace))
                     && !matches!(self.peek(), Tok::Kw(kw) if starts_declaration(kw))
                 {
                     self.advance();
                 }
             }
         }
+        for (path, span) in std::mem::take(&mut self.spaces) {
+            let message = format!("NAMESPACE {path} is not closed");
+            self.report(Problem::error("E118", span, message).expected("END_NAMESPACE"));
+        }
     }
 
-    /// `NAMESPACE a.b`: its contents are declared like all others; the name may stand before theirs.
+    /// The path of the namespace that is being read; empty outside of any.
+    fn space(&self) -> String {
+        self.spaces.last().map_or(String::new(), |s| s.0.clone())
+    }
+
+    /// What was declared since gets the path of its namespace before its name.
+    fn put_in_space(&mut self, since: Declared, project: &mut Project) {
+        let space = self.space();
+        let pous = project.pous.iter_mut().skip(since.pous);
+        for pou in pous {
+            let name = &mut pou.name.name;
+            if !space.is_empty() {
+                *name = format!("{space}.{name}");
+            }
+            let own = pou.class.usings.iter().map(|path| Using {
+                within: name.clone(),
+                path: path.clone(),
+            });
+            let around = project.usings.len();
+            project.usings.extend(own);
+            // A text of its own, as the POU is written out, says all of them.
+            let outer = project.usings[..around].iter();
+            let outer = outer.filter(|u| is_within(&space, &u.within));
+            pou.class.usings.extend(outer.map(|u| u.path.clone()));
+        }
+        if space.is_empty() {
+            return;
+        }
+        let types = project.types.iter_mut().skip(since.types);
+        let interfaces = project.interfaces.iter_mut().skip(since.interfaces);
+        let globals = project.globals.iter_mut().skip(since.globals);
+        let names = types
+            .map(|t| &mut t.name)
+            .chain(interfaces.map(|i| &mut i.name))
+            .chain(globals.flat_map(|g| &mut g.decls).map(|d| &mut d.name));
+        for name in names {
+            name.name = format!("{space}.{}", name.name);
+        }
+    }
+
+    /// `NAMESPACE a.b`
     fn namespace(&mut self, project: &mut Project) -> Parsed<()> {
-        self.advance();
-        if self.at_word("INTERNAL") {
+        let opener = self.advance().span;
+        let internal = self.at_word("INTERNAL") && self.peek_at(1) == Tok::Ident;
+        if internal {
             self.advance();
         }
-        loop {
-            let name = self.ident("the name of the namespace")?;
-            project.namespaces.push(name.name.to_ascii_uppercase());
-            if !self.eat(Tok::Dot) {
-                return Ok(());
-            }
+        let name = self.qualified("the name of the namespace")?;
+        let mut path = self.space();
+        let parts: Vec<&str> = name.name.split('.').collect();
+        for (number, part) in parts.iter().enumerate() {
+            path = join(&path, part);
+            project.namespaces.push(Namespace {
+                path: path.clone(),
+                internal: internal && number + 1 == parts.len(),
+            });
         }
+        self.spaces.push((path, opener.to(name.span)));
+        Ok(())
     }
 
-    fn using(&mut self) -> Parsed<()> {
+    fn using(&mut self) -> Parsed<Vec<Ident>> {
         self.advance();
-        loop {
-            self.ident("the name of a namespace")?;
-            if !self.eat(Tok::Dot) && !self.eat(Tok::Comma) {
-                break;
-            }
-        }
-        self.expect_semi("USING")
+        let list = self.qualified_list("the name of a namespace")?;
+        self.expect_semi("USING")?;
+        Ok(list)
     }
 
-    /// `a.b.Name`: the last part; namespaces do not keep names apart.
+    /// `a.b.Name`
     pub(super) fn qualified(&mut self, wanted: &str) -> Parsed<Ident> {
-        let mut name = self.ident(wanted)?;
+        let mut whole = self.ident(wanted)?;
         while self.at(Tok::Dot) && self.peek_at(1) == Tok::Ident {
             self.advance();
-            name = self.ident(wanted)?;
+            let part = self.ident(wanted)?;
+            whole.name = join(&whole.name, &part.name);
+            whole.span = whole.span.to(part.span);
         }
-        Ok(name)
+        Ok(whole)
     }
 
     fn qualified_list(&mut self, wanted: &str) -> Parsed<Vec<Ident>> {
@@ -231,7 +328,7 @@ impl Parser<'_> {
                 Tok::Semi => {
                     self.advance();
                 }
-                Tok::Ident if self.at_word("USING") => self.using()?,
+                Tok::Ident if self.at_word("USING") => pou.class.usings.extend(self.using()?),
                 _ => return Ok(()),
             }
         }
@@ -248,7 +345,8 @@ impl Parser<'_> {
         let opener = opener.span;
         let mut class = Class::default();
         self.modifiers(&mut class);
-        let name = self.ident(&format!("the name of the {kind}"))?;
+        // A path before the name stands where a POU is written out on its own.
+        let name = self.qualified(&format!("the name of the {kind}"))?;
         self.pou = Some(name.name.clone());
         if self.eat_word("EXTENDS") {
             class.extends = Some(self.qualified("the name of a function block")?);
@@ -340,6 +438,7 @@ impl Parser<'_> {
             return Err(Stop);
         };
         let mut block = VarBlock {
+            access: None,
             section: section(kw).unwrap_or(VarSection::Local),
             constant: false,
             retain: false,
@@ -352,7 +451,9 @@ impl Parser<'_> {
                 block.retain = true;
             } else if self.eat_kw(Kw::NonRetain) || self.eat_word("PERSISTENT") {
                 // What is not retained, and what other systems keep apart: nothing to note.
-            } else if !self.eat_access() {
+            } else if let Some(access) = self.eat_access() {
+                block.access = Some(access);
+            } else {
                 break;
             }
         }
@@ -365,10 +466,14 @@ impl Parser<'_> {
                     self.advance();
                     continue;
                 }
-                Tok::Ident => {}
-                Tok::Kw(kw) if !ends_variables(kw) => {}
+                Tok::Ident if !self.at_statement() => {}
+                Tok::Kw(kw)
+                    if !ends_variables(kw) && (!starts_statement(kw) || self.names_variable()) => {}
                 _ => {
-                    let found = self.peek().describe();
+                    let found = match self.peek() {
+                        Tok::Ident => "a statement".to_owned(),
+                        tok => tok.describe(),
+                    };
                     let problem = Problem::error(
                         "E118",
                         opener.span,
@@ -388,13 +493,36 @@ impl Parser<'_> {
         }
     }
 
+    /// Whether what follows assigns or calls, and so is no variable.
+    fn at_statement(&self) -> bool {
+        matches!(
+            self.peek_at(1),
+            Tok::Assign | Tok::TryAssign | Tok::LParen | Tok::Dot | Tok::LBracket
+        )
+    }
+
+    /// Whether the word is meant as a name, reserved as it may be.
+    fn names_variable(&self) -> bool {
+        matches!(
+            self.peek_at(1),
+            Tok::Colon | Tok::Comma | Tok::Kw(Kw::At) | Tok::Assign
+        )
+    }
+
     /// An access specifier behind VAR, unless it is the name of the first variable.
-    fn eat_access(&mut self) -> bool {
+    fn eat_access(&mut self) -> Option<Access> {
         let is_name = matches!(self.peek_at(1), Tok::Colon | Tok::Comma | Tok::Kw(Kw::At));
-        !is_name
-            && ["PUBLIC", "PRIVATE", "PROTECTED", "INTERNAL"]
-                .iter()
-                .any(|word| self.eat_word(word))
+        let words = [
+            ("PUBLIC", Access::Public),
+            ("PRIVATE", Access::Private),
+            ("PROTECTED", Access::Protected),
+            ("INTERNAL", Access::Internal),
+        ];
+        if is_name {
+            return None;
+        }
+        let found = words.into_iter().find(|(word, _)| self.eat_word(word));
+        found.map(|(_, access)| access)
     }
 
     /// `a, b AT %IW2 : INT := 5;`

@@ -109,6 +109,17 @@ impl Parser<'_> {
                         ExprKind::Bit(Box::new(expr), bit)
                     } else if self.at(Tok::Direct) {
                         self.partial(expr)?
+                    } else if self.at(Tok::TypePrefix)
+                        && let Some(path) = dotted(&expr)
+                    {
+                        let start = self.span();
+                        let literal = self.typed_literal(start)?;
+                        let ExprKind::EnumValue(mut prefix, value) = literal.kind else {
+                            return Err(self.unexpected("the name of an enumeration"));
+                        };
+                        prefix.name = format!("{path}.{}", prefix.name);
+                        prefix.span = expr.span.to(prefix.span);
+                        ExprKind::EnumValue(prefix, value)
                     } else {
                         let name = self.ident("the name of a field, or a bit number")?;
                         ExprKind::Field(Box::new(expr), name)
@@ -226,6 +237,7 @@ impl Parser<'_> {
             Tok::DateTime => ExprKind::Date(Elem::Dt, self.take(literal::date_time(text, span))?),
             Tok::Str => ExprKind::Str(self.take(literal::string(text, span))?),
             Tok::WStr => ExprKind::WStr(self.take(literal::string(text, span))?),
+            Tok::Broken => ExprKind::Str(String::new()),
             Tok::Ident if text.eq_ignore_ascii_case("NULL") => ExprKind::Null,
             Tok::Kw(Kw::True) => ExprKind::Bool(true),
             Tok::Kw(Kw::False) => ExprKind::Bool(false),
@@ -309,5 +321,14 @@ impl Parser<'_> {
             kind: ExprKind::Typed(elem, Box::new(value)),
             span,
         })
+    }
+}
+
+/// `a.b.c` as one text.
+pub(crate) fn dotted(expr: &Expr) -> Option<String> {
+    match &expr.kind {
+        ExprKind::Name(name) => Some(name.clone()),
+        ExprKind::Field(base, field) => Some(format!("{}.{}", dotted(base)?, field.name)),
+        _ => None,
     }
 }

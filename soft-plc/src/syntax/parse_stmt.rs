@@ -41,7 +41,7 @@ fn ends_statements(kw: Kw) -> bool {
     )
 }
 
-fn starts_statement(kw: Kw) -> bool {
+pub(super) fn starts_statement(kw: Kw) -> bool {
     matches!(
         kw,
         Kw::If | Kw::Case | Kw::For | Kw::While | Kw::Repeat | Kw::Exit | Kw::Continue | Kw::Return
@@ -57,6 +57,7 @@ impl Parser<'_> {
     fn statement_list(&mut self, in_case: bool) -> Vec<Stmt> {
         let mut list = Vec::new();
         loop {
+            self.mend_keyword();
             match self.peek() {
                 Tok::Eof => return list,
                 Tok::Kw(kw) if ends_statements(kw) => return list,
@@ -100,11 +101,15 @@ impl Parser<'_> {
         }
     }
 
-    /// `Color.Red:` or `Color.Red,`, as CODESYS writes labels.
+    /// `Color.Red:` or `Color.Red,`, as CODESYS writes labels; `Space.Color#Red:`.
     fn at_qualified_label(&self) -> bool {
-        self.peek_at(1) == Tok::Dot
-            && self.peek_at(2) == Tok::Ident
-            && matches!(self.peek_at(3), Tok::Colon | Tok::Comma | Tok::DotDot)
+        let mut at = 1;
+        while self.peek_at(at) == Tok::Dot && self.peek_at(at + 1) == Tok::Ident {
+            at += 2;
+        }
+        let labelled = matches!(self.peek_at(at), Tok::Colon | Tok::Comma | Tok::DotDot);
+        (at > 1 && labelled)
+            || (self.peek_at(at) == Tok::Dot && self.peek_at(at + 1) == Tok::TypePrefix)
     }
 
     fn statement(&mut self) -> Parsed<Stmt> {
@@ -215,7 +220,7 @@ impl Parser<'_> {
     fn header(&mut self, kw: Kw, wanted: &str) -> Expr {
         let start = self.span();
         let expr = self.expression();
-        if expr.is_err() || self.expect(Tok::Kw(kw), wanted).is_err() {
+        if expr.is_err() || self.expect_word(kw, wanted).is_err() {
             self.recover(|found| found == kw || ends_statements(found) || starts_statement(found));
             self.eat_kw(kw);
         }
@@ -227,6 +232,10 @@ impl Parser<'_> {
 
     /// The keyword that closes a statement opened at `opener`.
     fn close(&mut self, kw: Kw, what: &str, opener: Span) -> Parsed<()> {
+        self.close_with(kw, what, opener, None)
+    }
+
+    fn close_with(&mut self, kw: Kw, what: &str, opener: Span, hint: Option<&str>) -> Parsed<()> {
         if self.eat_kw(kw) {
             return Ok(());
         }
@@ -244,7 +253,10 @@ impl Parser<'_> {
             ),
         )
         .expected(kw.text());
-        self.report(problem);
+        self.report(match hint {
+            Some(hint) => problem.hint(hint),
+            None => problem,
+        });
         Err(Stop)
     }
 
@@ -258,10 +270,14 @@ impl Parser<'_> {
             if self.eat_kw(Kw::Elsif) {
                 continue;
             }
+            let mut hint = None;
             if self.eat_kw(Kw::Else) {
+                hint = self.at_kw(Kw::If).then_some(
+                    "ELSE IF begins an IF of its own, with an END_IF of its own: write ELSIF",
+                );
                 otherwise = self.statements();
             }
-            self.close(Kw::EndIf, "IF", start)?;
+            self.close_with(Kw::EndIf, "IF", start, hint)?;
             return Ok(StmtKind::If(branches, otherwise));
         }
     }
@@ -346,7 +362,7 @@ impl Parser<'_> {
         } else {
             None
         };
-        self.expect(Tok::Kw(Kw::Do), "DO, or BY and the step")?;
+        self.expect_word(Kw::Do, "DO, or BY and the step")?;
         Ok((var, from, to, by))
     }
 }

@@ -106,7 +106,10 @@ impl Parser<'_> {
                     }
                     _ if self.at(Tok::Dot) && self.peek_at(1) == Tok::Ident => {
                         self.advance();
-                        TypeSpecKind::Named(self.qualified("a type")?)
+                        let mut whole = self.qualified("a type")?;
+                        whole.name = format!("{}.{}", name.name, whole.name);
+                        whole.span = name.span.to(whole.span);
+                        TypeSpecKind::Named(whole)
                     }
                     _ if self.at(Tok::LParen) => self.subrange_or_enum(name)?,
                     _ => TypeSpecKind::Named(name),

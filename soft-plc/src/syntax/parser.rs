@@ -28,6 +28,8 @@ pub struct Parser<'a> {
     depth: u32,
     /// The POU being read, for messages.
     pub pou: Option<String>,
+    /// The namespaces around, from the outermost, each with its whole path and where it was opened.
+    pub(super) spaces: Vec<(String, Span)>,
 }
 
 /// Parses a whole `.st` text into `project`.
@@ -115,6 +117,7 @@ impl<'a> Parser<'a> {
             problems,
             depth: 0,
             pou: None,
+            spaces: Vec::new(),
         }
     }
 
@@ -153,6 +156,25 @@ impl<'a> Parser<'a> {
 
     pub fn at(&self, tok: Tok) -> bool {
         self.peek() == tok
+    }
+
+    pub(super) fn token_before(&self, back: usize) -> Option<Tok> {
+        let at = self.pos.checked_sub(back)?;
+        self.tokens.get(at).map(|t| t.tok)
+    }
+
+    /// Whether a line ends between the last token and this one.
+    pub(super) fn on_new_line(&self) -> bool {
+        let (from, to) = (self.last_span().end, self.span().start);
+        let text = self.text.get(
+            (from as usize).saturating_sub(self.base)..(to as usize).saturating_sub(self.base),
+        );
+        self.pos > 0 && text.is_some_and(|t| t.contains('\n'))
+    }
+
+    /// Reads the current token as another one.
+    pub(super) fn replace(&mut self, tok: Tok) {
+        self.tokens[self.pos].tok = tok;
     }
 
     pub fn at_kw(&self, kw: Kw) -> bool {
@@ -196,6 +218,10 @@ impl<'a> Parser<'a> {
         if problem.pou.is_none() {
             problem.pou.clone_from(&self.pou);
         }
+        if self.at(Tok::Eof) && self.problems.iter().any(|p| p.code == "E101") {
+            // A comment that is never closed has taken the rest of the text with it.
+            return;
+        }
         if self.problems.len() < PROBLEMS_MAX {
             self.problems.push(problem);
         }
@@ -203,14 +229,20 @@ impl<'a> Parser<'a> {
 
     /// Reports the current token as unexpected.
     pub fn unexpected(&mut self, wanted: &str) -> Stop {
+        if self.follows_unknown() {
+            return Stop;
+        }
         let span = self.span();
         let found = match self.peek() {
             Tok::Ident => format!("`{}`", self.text_of(span)),
             tok => tok.describe(),
         };
-        self.report(
-            Problem::error("E110", span, format!("{found} cannot stand here")).expected(wanted),
-        );
+        let problem =
+            Problem::error("E110", span, format!("{found} cannot stand here")).expected(wanted);
+        self.report(match self.slip() {
+            Some(hint) => problem.hint(hint),
+            None => problem,
+        });
         Stop
     }
 
@@ -227,7 +259,26 @@ impl<'a> Parser<'a> {
         if self.eat(Tok::Semi) {
             return Ok(());
         }
+        if self.follows_unknown() {
+            return Err(Stop);
+        }
+        if self.at(Tok::RParen) {
+            let span = self.span();
+            self.report(
+                Problem::error("E110", span, "`)` closes nothing that is open here")
+                    .hint("remove it, or write the `(` that it belongs to"),
+            );
+            return Err(Stop);
+        }
         let last = self.last_span();
+        if self.touches(1, Tok::Int) && self.at(Tok::Ident) {
+            let span = last.to(self.span());
+            let message = format!("`{}` is neither a number nor a name", self.text_of(span));
+            self.report(
+                Problem::error("E105", span, message).hint("a name cannot begin with a digit"),
+            );
+            return Err(Stop);
+        }
         let span = Span {
             start: last.end,
             end: last.end + 1,

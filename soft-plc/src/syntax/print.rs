@@ -28,6 +28,15 @@ pub fn pou(pou: &Pou, words: &Words<'_>) -> String {
     printer.out
 }
 
+fn word_of(access: Access) -> &'static str {
+    match access {
+        Access::Public => "PUBLIC",
+        Access::Internal => "INTERNAL",
+        Access::Protected => "PROTECTED",
+        Access::Private => "PRIVATE",
+    }
+}
+
 struct Printer<'a> {
     words: &'a Words<'a>,
     out: String,
@@ -62,12 +71,7 @@ impl Printer<'_> {
     fn pou(&mut self, pou: &Pou) {
         let class = &pou.class;
         let mut head = pou.kind.to_string();
-        let access = match class.access {
-            Access::Public => None,
-            Access::Internal => Some("INTERNAL"),
-            Access::Protected => Some("PROTECTED"),
-            Access::Private => Some("PRIVATE"),
-        };
+        let access = (class.access != Access::Public).then(|| word_of(class.access));
         let flags = [
             access,
             class.is_abstract.then_some("ABSTRACT"),
@@ -88,6 +92,9 @@ impl Printer<'_> {
             let _ = write!(head, " : {}", self.type_spec(result));
         }
         self.line(&head);
+        for path in &class.usings {
+            self.line(&format!("USING {};", path.name));
+        }
         for block in &pou.vars {
             self.block(block);
         }
@@ -108,6 +115,9 @@ impl Printer<'_> {
             return;
         }
         let mut head = block.section.to_string();
+        if let Some(access) = block.access {
+            let _ = write!(head, " {}", word_of(access));
+        }
         if block.constant {
             head.push_str(" CONSTANT");
         }

@@ -21,6 +21,14 @@ pub struct Sfc {
     pub steps: Vec<Step>,
     pub transitions: Vec<Transition>,
     pub actions: Vec<Action>,
+    pub macros: Vec<MacroStep>,
+}
+
+/// A macro step (IEC 60848): steps that have a name together, which is active while one of them is.
+#[derive(Clone, Debug)]
+pub struct MacroStep {
+    pub name: Ident,
+    pub inside: Vec<Ident>,
 }
 
 #[derive(Clone, Debug)]
@@ -132,6 +140,14 @@ impl Sfc {
                 .hint("a chart needs memory from scan to scan: use a FUNCTION_BLOCK"),
             );
         }
+        for (index, step) in self.macros.iter().enumerate() {
+            let earlier = self.macros[..index].iter();
+            let twice = earlier.clone().any(|m| same(&m.name.name, &step.name.name));
+            if twice || self.find(&step.name).is_some() {
+                let message = format!("the step `{}` is declared twice", step.name.name);
+                problems.push(Problem::error("E702", step.name.span, message));
+            }
+        }
         for (index, step) in self.steps.iter().enumerate() {
             if self.find(&step.name) != Some(index) {
                 let message = format!("the step `{}` is declared twice", step.name.name);
@@ -208,19 +224,23 @@ impl Sfc {
         let at = At(pou.name.span);
         let mut kept: Vec<VarDecl> = Vec::new();
         let mut temps: Vec<VarDecl> = Vec::new();
-        for step in &self.steps {
-            let mut decl = At(step.name.span).var(&step.name.name, STEP_TYPE);
-            if step.initial {
+        let initial = |name: &Ident| self.find(name).is_some_and(|s| self.steps[s].initial);
+        let steps = self.steps.iter().map(|s| (&s.name, s.initial));
+        let macros = self.macros.iter();
+        let macros = macros.map(|m| (&m.name, m.inside.iter().any(initial)));
+        for (name, active) in steps.chain(macros) {
+            let mut decl = At(name.span).var(&name.name, STEP_TYPE);
+            if active {
                 decl.init = Some(Init::Struct(
                     vec![(at.ident("X"), Init::Expr(at.bool(true)))],
-                    step.name.span,
+                    name.span,
                 ));
             }
             kept.push(decl);
         }
         let mut body = Vec::new();
-        for step in &self.steps {
-            let name = &step.name.name;
+        let macros = self.macros.iter().map(|m| &m.name.name);
+        for name in self.steps.iter().map(|s| &s.name.name).chain(macros) {
             body.push(at.if_then(
                 at.and(at.field(name, "X"), at.field(name, "__last")),
                 vec![at.assign(at.field(name, "T"), since(at, at.field(name, "__start")))],
@@ -229,6 +249,9 @@ impl Sfc {
         self.test_transitions(&mut temps, &mut body);
         for step in &self.steps {
             self.after_evolution(step, &mut body);
+        }
+        for step in &self.macros {
+            step.lower(&mut body);
         }
         self.run_actions(&mut kept, &mut temps, &mut body);
         pou.vars.push(block(VarSection::Local, kept));
@@ -345,6 +368,24 @@ impl Sfc {
             controls.push(Control::new(Kind::Variable(expr), expr.span));
             controls.len() - 1
         })
+    }
+}
+
+impl MacroStep {
+    /// Its activity and the time since it began, from those of its steps.
+    fn lower(&self, body: &mut Vec<Stmt>) {
+        let at = At(self.name.span);
+        let name = &self.name.name;
+        let inside = self.inside.iter().map(|s| at.field(&s.name, "X"));
+        let active = at.any(inside).unwrap_or(at.bool(false));
+        body.push(at.assign(at.field(name, "X"), active));
+        let (x, last) = (at.field(name, "X"), at.field(name, "__last"));
+        let entered = vec![
+            at.assign(at.field(name, "__start"), at.mc_time()),
+            at.assign(at.field(name, "T"), at.expr(ExprKind::Time(0))),
+        ];
+        body.push(at.if_then(at.and(x.clone(), at.not(last.clone())), entered));
+        body.push(at.assign(last, x));
     }
 }
 

@@ -56,7 +56,7 @@ fn read(path: &Path) -> File {
                 file.cases.push(Case {
                     line: number + 1,
                     vars: (*vars).to_owned(),
-                    body: body.trim().to_owned(),
+                    body: body.trim().replace(" | ", "\n"),
                     expected: expected.trim().to_owned(),
                 });
             }

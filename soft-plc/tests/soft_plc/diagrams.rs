@@ -6,7 +6,7 @@ use fam_soft_plc::{CompiledMc, SourceFile, Value};
 use crate::common::{Machine, show};
 
 /// A project with program P: variables as `name:TYPE`, and a body.
-fn project(vars: &[&str], body: &str, more: &str) -> String {
+pub fn project(vars: &[&str], body: &str, more: &str) -> String {
     let vars: String = vars
         .iter()
         .filter_map(|v| v.split_once(':'))
@@ -28,7 +28,7 @@ fn project(vars: &[&str], body: &str, more: &str) -> String {
     )
 }
 
-fn compile(text: &str) -> Result<CompiledMc, String> {
+pub fn compile(text: &str) -> Result<CompiledMc, String> {
     let options = Options {
         program: Some("P".into()),
         ..Options::default()

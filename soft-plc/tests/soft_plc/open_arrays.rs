@@ -100,7 +100,7 @@ fn what_cannot_be_is_said() {
     for (text, message) in [
         (
             program("x : ARRAY[*] OF INT;", ";"),
-            "ARRAY[*] can stand only for a parameter of a function",
+            "ARRAY[*] can stand only for a parameter",
         ),
         (
             program("x : ARRAY[0..3] OF DINT; r : DINT;", "r := Total(x);"),
@@ -139,4 +139,132 @@ fn what_cannot_be_is_said() {
         "FUNCTION F : INT\nVAR_IN_OUT a : ARRAY[*] OF INT; END_VAR\nF := nothing;\nEND_FUNCTION\nPROGRAM P\nVAR x : ARRAY[0..3] OF INT; y : ARRAY[0..4] OF INT; r : INT; END_VAR\nr := F(x); r := F(y);\nEND_PROGRAM\n",
     );
     assert_eq!(twice.matches("`nothing`").count(), 1, "{twice}");
+}
+
+const BLOCKS: &str = "
+INTERFACE Summing
+    METHOD Sum : DINT VAR_IN_OUT a : ARRAY[*] OF INT; END_VAR END_METHOD
+END_INTERFACE
+FUNCTION_BLOCK Plain IMPLEMENTS Summing
+VAR_OUTPUT calls : INT; END_VAR
+METHOD PUBLIC Sum : DINT
+VAR_IN_OUT a : ARRAY[*] OF INT; END_VAR
+VAR i : DINT; END_VAR
+calls := calls + 1;
+FOR i := LOWER_BOUND(a, 1) TO UPPER_BOUND(a, 1) DO Sum := Sum + THIS.Weight(i) * a[i]; END_FOR;
+a[LOWER_BOUND(a, 1)] := 0;
+END_METHOD
+METHOD PROTECTED Weight : DINT VAR_INPUT i : DINT; END_VAR Weight := 1; END_METHOD
+METHOD PUBLIC Spread
+VAR_INPUT v : ARRAY[*] OF INT; END_VAR
+VAR_OUTPUT w : ARRAY[*] OF INT; END_VAR
+VAR i : DINT; END_VAR
+FOR i := LOWER_BOUND(w, 1) TO UPPER_BOUND(w, 1) DO w[i] := v[LOWER_BOUND(v, 1)] + DINT_TO_INT(i); END_FOR;
+END_METHOD
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Double EXTENDS Plain
+METHOD PUBLIC OVERRIDE Sum : DINT
+VAR_IN_OUT a : ARRAY[*] OF INT; END_VAR
+Sum := 2 * SUPER.Sum(a);
+END_METHOD
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Weighted EXTENDS Plain
+METHOD PROTECTED OVERRIDE Weight : DINT VAR_INPUT i : DINT; END_VAR Weight := i; END_METHOD
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Shift
+VAR_INPUT CLK : BOOL R_EDGE; step : INT := 1; END_VAR
+VAR_IN_OUT a : ARRAY[*] OF INT; END_VAR
+VAR_OUTPUT moves : INT; END_VAR
+VAR i : DINT; END_VAR
+IF CLK THEN
+    moves := moves + step;
+    FOR i := UPPER_BOUND(a, 1) TO LOWER_BOUND(a, 1) + 1 BY -1 DO a[i] := a[i - 1]; END_FOR;
+    a[LOWER_BOUND(a, 1)] := moves;
+END_IF;
+END_FUNCTION_BLOCK
+";
+
+#[test]
+fn methods_take_arrays_of_any_bounds_whichever_of_them_runs() {
+    let mut m = Machine::new(&format!(
+        "{BLOCKS}PROGRAM P
+VAR p : Plain; d : Double; w : Weighted; s : Summing; r : REF_TO Plain;
+    x : ARRAY[1..3] OF INT := [1, 2, 3]; y : ARRAY[-1..0] OF INT := [10, 20];
+    a, b, c, e, f, g : DINT; out : ARRAY[5..7] OF INT;
+END_VAR
+a := p.Sum(x); // 6, x[1] is 0 now
+b := d.Sum(a := x); // 2 * 5
+s := w; c := s.Sum(x); // 2*2 + 3*3
+s := d; e := s.Sum(y); // 2 * 30, y[-1] is 0
+r := REF(w); f := r^.Sum(y); // 0
+r := REF(p); g := r^.Sum(y); // 20
+p.Spread(v := x, w => out); // 0 + 5, 6, 7
+END_PROGRAM\n"
+    ));
+    m.scan();
+    let all: Vec<String> = [
+        "a", "b", "c", "e", "f", "g", "p.calls", "d.calls", "out[5]", "out[7]",
+    ]
+    .iter()
+    .map(|n| m.text(n))
+    .collect();
+    assert_eq!(all, ["6", "10", "13", "60", "0", "20", "2", "2", "5", "7"]);
+}
+
+#[test]
+fn an_instance_takes_arrays_of_any_bounds_and_keeps_one_state() {
+    let mut m = Machine::new(&format!(
+        "{BLOCKS}PROGRAM P
+VAR s : Shift; x : ARRAY[1..3] OF INT; y : ARRAY[0..1] OF INT; n : INT; END_VAR
+s(CLK := TRUE, a := x);
+s(CLK := FALSE, a := y);
+s(CLK := TRUE, a := y, step := 10);
+s(CLK := TRUE, a := x);
+s(CLK := FALSE, a := x);
+n := s.moves;
+END_PROGRAM\n"
+    ));
+    m.scan();
+    let names = ["n", "x[1]", "x[2]", "y[0]", "y[1]"];
+    let all: Vec<String> = names.iter().map(|n| m.text(n)).collect();
+    assert_eq!(all, ["11", "1", "0", "11", "0"]);
+    m.scan();
+    let all: Vec<String> = names.iter().map(|n| m.text(n)).collect();
+    assert_eq!(all, ["31", "21", "1", "31", "11"]);
+}
+
+#[test]
+fn a_function_block_with_open_arrays_has_no_relatives() {
+    let text = "FUNCTION_BLOCK A VAR_IN_OUT a : ARRAY[*] OF INT; END_VAR ; END_FUNCTION_BLOCK
+FUNCTION_BLOCK B EXTENDS A END_FUNCTION_BLOCK
+FUNCTION_BLOCK C VAR_INPUT a : ARRAY[*] OF INT; END_VAR ; END_FUNCTION_BLOCK
+PROGRAM P VAR b : B; END_VAR ; END_PROGRAM";
+    let found = problems(text);
+    assert!(
+        found.contains("A has ARRAY[*] and cannot be derived"),
+        "{found}"
+    );
+    assert!(
+        found.contains("ARRAY[*] can stand only for a parameter"),
+        "{found}"
+    );
+    assert_eq!(found.matches("error[").count(), 2, "{found}");
+}
+
+#[test]
+fn what_is_made_of_one_text_gives_no_warnings_of_its_own() {
+    let text = format!(
+        "{FUNCTIONS}{BLOCKS}VAR_GLOBAL lamp AT %QX0.0 : BOOL; END_VAR
+FUNCTION_BLOCK Light VAR_IN_OUT a : ARRAY[*] OF INT; END_VAR VAR_EXTERNAL lamp : BOOL; END_VAR
+lamp := a[LOWER_BOUND(a, 1)] > 0;
+END_FUNCTION_BLOCK
+PROGRAM P VAR s : Shift; l : Light; x : ARRAY[1..3] OF INT; y : ARRAY[0..1] OF INT; t : DINT; d : Double; END_VAR
+s(a := x); s(a := y); t := Total(x) + Total(y) + d.Sum(x); l(a := x); l(a := y);
+END_PROGRAM"
+    );
+    let (project, _) = parse_project(&[SourceFile::new("test.st", text)]);
+    let typed = check(&project, CheckOptions::default()).expect("right");
+    let warnings = fam_soft_plc::check::lint::lint(&typed);
+    let codes: Vec<&str> = warnings.iter().map(|w| w.code.as_str()).collect();
+    assert_eq!(codes, [""; 0], "{warnings:?}");
 }

@@ -173,7 +173,7 @@ const PARTS: &[(&str, &str, &str)] = &[
     ("r : INT; t : CTU; i : INT;", "FOR i := 1 TO 3 DO t(EN := i <> 2, CU := i = 3, PV := 1); END_FOR r := t.CV;", "1"),
     ("r : Color;", "r := Color.Green;", "Green"),
     ("r : INT; c : Color := Blue;", "CASE c OF Color#Red: r := 1; Color.Green, Blue: r := 2; END_CASE", "2"),
-    ("r : INT;", "r := Space.seven() + seven();", "14"),
+    ("r : INT;", "r := Space.seven() + SPACE.Seven();", "14"),
     ("r : INT; x AT %MW4 : INT; y AT %MB8 : BYTE;", "x := 300; y := 1; r := x;", "257"),
     ("r : BYTE; x AT %MW20 : WORD := 16#1234;", "r := %MB41;", "18"),
     ("r : INT; e : Edges;", "e(up := TRUE, down := TRUE); e(up := TRUE, down := FALSE); e(up := FALSE); e(up := TRUE, down := TRUE); r := e.ups * 10 + e.downs;", "21"),

@@ -1,0 +1,67 @@
+//! Located arrays and hierarchical addresses as the host sees them: inputs that it sets, outputs that it reads, their layout.
+
+use fam_soft_plc::check::lint::lint;
+use fam_soft_plc::layout::Area;
+
+use crate::common::{Machine, typed};
+
+const PROGRAM: &str = "
+PROGRAM P
+VAR
+    levels AT %IW1.0 : ARRAY[1..3] OF INT;
+    switches AT %IX4.6 : ARRAY[0..3] OF BOOL;
+    motors AT %QX1.0.0 : ARRAY[0..9] OF BOOL;
+    speeds AT %QW4 : ARRAY[1..3] OF INT := [7, 8, -9];
+    i : INT;
+END_VAR
+FOR i := 1 TO 3 DO speeds[i] := levels[4 - i]; END_FOR;
+FOR i := 0 TO 3 DO motors[9 - i] := switches[i]; END_FOR;
+END_PROGRAM
+";
+
+#[test]
+fn elements_lie_in_the_image_as_single_variables_would() {
+    let mut machine = Machine::new(PROGRAM);
+    let layout = machine.instance.layout().clone();
+    let found = |path: &str| {
+        let info = layout.find(path).expect("a variable");
+        (info.area, info.offset, info.bit, info.len)
+    };
+    assert_eq!(found("P.levels[1]"), (Area::Inputs, 256, None, 2));
+    assert_eq!(found("P.levels[3]"), (Area::Inputs, 260, None, 2));
+    assert_eq!(found("P.switches[1]"), (Area::Inputs, 4, Some(7), 1));
+    assert_eq!(found("P.switches[2]"), (Area::Inputs, 5, Some(0), 1));
+    assert_eq!(found("P.motors[9]"), (Area::Outputs, 257, Some(1), 1));
+    assert_eq!(found("P.motors"), (Area::Outputs, 256, Some(0), 2));
+    assert_eq!(layout.inputs.len, 264);
+    assert_eq!(layout.outputs.len, 264);
+    assert_eq!(layout.initial_outputs[8..14], [7, 0, 8, 0, 0xF7, 0xFF]);
+
+    let inputs = machine.instance.inputs_mut();
+    inputs[256..262].copy_from_slice(&[1, 0, 0xFE, 0xFF, 3, 1]);
+    (inputs[4], inputs[5]) = (0b0100_0000, 0b0000_0010);
+    machine.scan();
+    let outputs = machine.instance.outputs();
+    assert_eq!(outputs[8..14], [3, 1, 0xFE, 0xFF, 1, 0]);
+    // Switches 0 and 3 are on: motors 9 and 6.
+    assert_eq!(outputs[256..258], [0b0100_0000, 0b0000_0010]);
+}
+
+fn warnings(outputs: &str, body: &str) -> usize {
+    let text = format!("PROGRAM P VAR i : INT; {outputs} END_VAR {body} END_PROGRAM");
+    let all = lint(&typed(&text));
+    all.iter().filter(|d| d.code == "W707").count()
+}
+
+#[test]
+fn outputs_that_overlap_are_found_whichever_way_they_are_written() {
+    let both = "a AT %QW4 : ARRAY[0..3] OF INT; b AT %QW7 : INT;";
+    assert_eq!(warnings(both, "a[3] := 1; b := 2;"), 1);
+    assert_eq!(warnings(both, "a[2] := 1; b := 2;"), 0);
+    assert_eq!(warnings(both, "a[i] := 1; b := 2;"), 1);
+    let bits = "a AT %QX8.6 : ARRAY[0..3] OF BOOL; b AT %QX9.1 : BOOL; c AT %QX9.2 : BOOL;";
+    assert_eq!(warnings(bits, "a[i] := TRUE; c := TRUE;"), 0);
+    assert_eq!(warnings(bits, "a[i] := TRUE; b := TRUE;"), 1);
+    let levels = "a AT %QW1.2 : INT; b AT %QB261 : BYTE;";
+    assert_eq!(warnings(levels, "a := 1; b := 2;"), 1);
+}
