@@ -123,9 +123,9 @@ fn a_state_that_cannot_be_written_out_is_named() {
             "the variable `M.p` cannot be serialized one by one: it holds an address",
         ),
         (
-            "TYPE S : STRUCT n : INT; to : REF_TO INT; END_STRUCT; END_TYPE\n\
-             PROGRAM M\nVAR s : ARRAY[2..3] OF S; x : INT; END_VAR\n s[2].to := REF(x); x := s[2].to^ + 1;\nEND_PROGRAM\n",
-            "the variable `M.s[2].to` cannot be serialized one by one: it holds an address",
+            "TYPE S : STRUCT n : INT; which : REF_TO INT; END_STRUCT; END_TYPE\n\
+             PROGRAM M\nVAR s : ARRAY[2..3] OF S; x : INT; END_VAR\n s[2].which := REF(x); x := s[2].which^ + 1;\nEND_PROGRAM\n",
+            "the variable `M.s[2].which` cannot be serialized one by one: it holds an address",
         ),
     ];
     for (logic, message) in table {

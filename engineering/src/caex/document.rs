@@ -395,7 +395,7 @@ impl Reader<'_> {
         }
         if !self.is_there(root) {
             let message = "the file is marked as deleted as a whole";
-            let problem = self.text.error("M803", self.tag(root), message);
+            let problem = self.text.error("M802", self.tag(root), message);
             self.report(problem.hint("name the file that has taken its place"));
             return None;
         }

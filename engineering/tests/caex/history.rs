@@ -3,6 +3,12 @@
 use super::{OLD, assert_same, old_model};
 use fam_engineering::{BuiltCell, Problems, build};
 
+/// Changes, and parts of what is said then.
+type Wrong = (
+    &'static [(&'static str, &'static str)],
+    &'static [&'static str],
+);
+
 /// The old model with texts replaced.
 fn built(changes: &[(&str, &str)]) -> Result<BuiltCell, Problems> {
     let dir = tempfile::tempdir().unwrap();
@@ -86,7 +92,7 @@ fn what_was_there_is_missed() {
     .unwrap_or_else(|p| panic!("{p}"));
     assert_eq!(cell.model.controllers.len(), 1);
     // What leads to a deleted element leads nowhere.
-    let table: [(&[(&str, &str)], &[&str]); 4] = [
+    let table: [Wrong; 4] = [
         (
             &[(
                 "<InternalElement Name=\"second\"",
@@ -121,7 +127,7 @@ fn what_was_there_is_missed() {
         ),
         (
             &[("<CAEXFile ", "<CAEXFile ChangeMode=\"delete\" ")],
-            &["error[M803]", "marked as deleted as a whole", "old.aml:2"],
+            &["error[M802]", "marked as deleted as a whole", "old.aml:2"],
         ),
     ];
     for (changes, parts) in table {
