@@ -4,6 +4,7 @@ use logos::{Lexer, Logos};
 
 use crate::diag::Problem;
 use crate::source::Span;
+use crate::syntax::parser::PROBLEMS_MAX;
 
 /// What a token is; its text is found through its span.
 #[derive(Logos, Clone, Copy, Debug, PartialEq, Eq)]
@@ -166,7 +167,11 @@ pub fn lex(source: u32, text: &str, base: usize, problems: &mut Vec<Problem>) ->
                 tokens.push(Token { tok, span });
             }
             Ok(tok) => tokens.push(Token { tok, span }),
-            Err(()) => problems.push(unknown(lexer.slice(), span)),
+            // A file that is no text at all has as many problems as bytes.
+            Err(()) if problems.len() < PROBLEMS_MAX => {
+                problems.push(unknown(lexer.slice(), span));
+            }
+            Err(()) => {}
         }
     }
     let span = Span::new(source, base + text.len(), base + text.len());
