@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use fam_engineering::caex::container;
 use fam_engineering::convert::{Form, convert as convert_model, write_files};
-use fam_engineering::files::ModelAt;
+use fam_engineering::files::{ModelAt, text_of};
 use fam_engineering::generate::Target;
 use fam_engineering::{BuiltCell, import, new_cell, output, plcopen, reload, show as show_model};
 use fam_soft_plc::source::SourceFile;
@@ -257,8 +257,7 @@ pub fn new(args: &NewArgs) -> Result<()> {
 pub fn import(args: &ImportArgs) -> Result<()> {
     let mut sources = Vec::new();
     for file in &args.files {
-        let text = std::fs::read_to_string(file)
-            .with_context(|| format!("cannot read {}", file.display()))?;
+        let text = text_of(file).with_context(|| format!("cannot read {}", file.display()))?;
         sources.push(SourceFile::new(file.display().to_string(), text));
     }
     let (dir, name) = place(&args.out)?;

@@ -1,39 +1,12 @@
 //! `fam check` of logic: Structured Text and PLCopen XML.
 
 use crate::args::CheckArgs;
-use crate::run::{sources, text_of};
+use crate::run::sources;
 use anyhow::Result;
+use fam_engineering::files::{FileKind, kind_of};
 use fam_soft_plc::{CheckOptions, Diagnostic, Severity, SourceFile, diagnose};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
-
-/// What a file is, by its content.
-enum Kind {
-    /// A cell model, or an AutomationML one.
-    Cell,
-    StructuredText,
-    PlcopenXml,
-}
-
-fn kind_of(path: &Path) -> Result<Kind> {
-    let Ok(text) = text_of(path) else {
-        // Let the cell's own check say what is wrong.
-        return Ok(Kind::Cell);
-    };
-    let start = text.trim_start_matches('\u{feff}').trim_start();
-    let head: String = start.chars().take(4096).collect();
-    Ok(if start.starts_with('<') {
-        if head.contains("CAEXFile") {
-            Kind::Cell
-        } else {
-            Kind::PlcopenXml
-        }
-    } else if start.starts_with("PK\u{3}\u{4}") || text.parse::<toml::Table>().is_ok() {
-        Kind::Cell
-    } else {
-        Kind::StructuredText
-    })
-}
+use std::path::PathBuf;
 
 /// Checks files of any kind. Texts are checked together, each XML project alone.
 pub fn check(args: &CheckArgs) -> Result<bool> {
@@ -41,10 +14,10 @@ pub fn check(args: &CheckArgs) -> Result<bool> {
     let mut projects: Vec<Vec<PathBuf>> = Vec::new();
     let mut fine = true;
     for path in &args.files {
-        match kind_of(path)? {
-            Kind::Cell => fine &= crate::engineering::check(path, args.root.as_deref())?,
-            Kind::StructuredText => texts.push(path.clone()),
-            Kind::PlcopenXml => projects.push(vec![path.clone()]),
+        match kind_of(path) {
+            FileKind::Model => fine &= crate::engineering::check(path, args.root.as_deref())?,
+            FileKind::StructuredText => texts.push(path.clone()),
+            FileKind::PlcopenXml => projects.push(vec![path.clone()]),
         }
     }
     if !texts.is_empty() {

@@ -219,8 +219,15 @@ fn free_name(name: &str, taken: &mut BTreeSet<String>) -> String {
 
 /// A file or folder that cannot be written.
 pub(crate) fn not_written(path: &Path, e: &std::io::Error) -> Diagnostic {
-    file_error("M601", path, format!("it cannot be written: {e}"))
-        .hint("give a folder that can be written, and that has no folder or file of another kind by this name")
+    let in_the_way = path.ancestors().skip(1).find(|p| p.is_file());
+    match in_the_way {
+        Some(file) => {
+            let message = format!("it cannot be written: {} is a file, no folder", file.display());
+            file_error("M601", path, message).hint("give another folder")
+        }
+        None => file_error("M601", path, format!("it cannot be written: {e}"))
+            .hint("give a folder that can be written, and that has no folder or file of another kind by this name"),
+    }
 }
 
 /// Writes files below a folder, which is made if needed.

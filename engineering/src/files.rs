@@ -99,6 +99,60 @@ pub fn below(root: &Path, file: &Path) -> std::io::Result<Option<String>> {
     Ok(Some(parts.join("/")))
 }
 
+/// What a file is, by its content.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileKind {
+    /// A model: AutomationML or `cell.toml`; also what cannot be read, for its reader says what is wrong with it.
+    Model,
+    /// Logic in Structured Text.
+    StructuredText,
+    /// Logic in PLCopen XML.
+    PlcopenXml,
+}
+
+/// What a file is. A container is a model; so is a folder, a file that is too large, and one without anything in it.
+#[must_use]
+pub fn kind_of(file: &Path) -> FileKind {
+    const HEAD: usize = 4096;
+    let ending = file.extension().map(|e| e.to_ascii_lowercase());
+    let is_logic = |endings: &[&str]| {
+        endings
+            .iter()
+            .any(|e| ending.as_deref() == Some(e.as_ref()))
+    };
+    let Ok(bytes) = bounded(file, "") else {
+        return FileKind::Model;
+    };
+    if bytes.starts_with(b"PK\x03\x04") {
+        return FileKind::Model;
+    }
+    // Old logic comes in codes of one byte; its letters mean nothing for what it is.
+    let text = decoded(bytes.clone());
+    let text = text.unwrap_or_else(|| bytes.into_iter().map(char::from).collect());
+    let start = text.trim_start();
+    if start.starts_with('<') {
+        let head: String = start.chars().take(HEAD).collect();
+        return match head.contains("CAEXFile") {
+            true => FileKind::Model,
+            false => FileKind::PlcopenXml,
+        };
+    }
+    let is_st = is_logic(&["st", "iecst", "exp"]);
+    match is_logic(&["toml", "aml", "amlx"]) || !is_st && text.parse::<toml::Table>().is_ok() {
+        true => FileKind::Model,
+        false => FileKind::StructuredText,
+    }
+}
+
+/// The text of a file of logic.
+///
+/// # Errors
+/// [`FileError`].
+pub fn text_of(file: &Path) -> Result<String, FileError> {
+    let name = file.display().to_string();
+    decoded(bounded(file, &name)?).ok_or(FileError::NotText(name))
+}
+
 /// Where a model's files are.
 #[derive(Debug, Clone)]
 pub struct ModelFiles {

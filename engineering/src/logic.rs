@@ -7,7 +7,7 @@ use crate::problem::{Explain, suggestion};
 use fam_soft_plc::check::tree::{PouId, Root, TypedProject, VarId, visit_places};
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
-use fam_soft_plc::plain::plain_charts;
+use fam_soft_plc::plain::plain;
 use fam_soft_plc::project::parse_project;
 use fam_soft_plc::source::SourceFile;
 use fam_soft_plc::syntax::ast::{PouKind, VarSection};
@@ -57,7 +57,7 @@ pub fn load(
     // In the order in which the engineer declared them, whatever becomes of the charts: their places in the state depend on it.
     let programs = programs(cell, mc, &typed, problems)?;
     if target == Target::Portable
-        && let Some(plain) = plain_charts(&project, &typed, &sources)
+        && let Some(plain) = plain(&project, &typed, &sources)
     {
         sources = plain;
         let (read, found) = parse_project(&sources);

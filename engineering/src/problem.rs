@@ -4,7 +4,7 @@
 //! file itself (M104 its root), M2xx names and references, M3xx inputs and outputs, M4xx timing and size, M5xx critical intervals,
 //! M6xx generated projects, M7xx deployments; W8xx warnings.
 
-use fam_soft_plc::diag::{Diagnostic, Severity};
+use fam_soft_plc::diag::{Diagnostic, Severity, shown_line};
 use std::fmt;
 use std::ops::Range;
 
@@ -157,7 +157,7 @@ impl ModelText {
             diagnostic.line = line;
             diagnostic.column = column;
             diagnostic.len = u32::try_from(shown.max(1)).unwrap_or(1);
-            diagnostic.source_line = source_line;
+            diagnostic.source_line = shown_line(&source_line).to_owned();
         }
         diagnostic
     }
@@ -190,6 +190,9 @@ impl ModelText {
         };
         let mut diagnostic = self.diagnostic(Severity::Error, "M101", error.span(), message);
         diagnostic.expected = expected;
+        if diagnostic.message == "missing field `format`" {
+            diagnostic.expected = Some("a cell.toml, which begins with `format = 1`".to_owned());
+        }
         diagnostic
     }
 }

@@ -1,5 +1,5 @@
-//! Charts with `--target portable`: what becomes of them runs as the charts do, scan by scan and byte by byte, and goes on from a state that
-//! Serialize wrote. Each MC runs three times: from the chart; from the plain form on FAM's own blocks and time; and from the files as another
+//! Charts, diagrams and edges of inputs with `--target portable`: what becomes of them runs as they do, scan by scan and byte by byte, and goes on from a state that
+//! Serialize wrote. Each MC runs three times: from the original; from the plain form on FAM's own blocks and time; and from the files as another
 //! PLC gets them, the controller's project and `standard.st`, with `<MC>_Cycle` as its task.
 
 mod common;
@@ -14,7 +14,7 @@ use fam_reference::random::Random;
 use fam_soft_plc::{
     Area, CompiledMc, Engine, EngineOptions, Instance, Module, SourceFile, TypeNode, Value,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -394,4 +394,123 @@ fn charts_by_hand_run_equal() {
     let (_dir, path) = cell(&files, "");
     let compared = all_forms_run_equal(&path, 1_000, 1);
     assert!(compared > 900, "{compared}");
+}
+
+/// Edges of inputs in programs, function blocks, charts, lists, methods and derived blocks; names in any case, and hidden by those of a method.
+const EDGES: &str = "
+FUNCTION_BLOCK Counts
+VAR_INPUT x0 : BOOL R_EDGE; x1 : BOOL F_EDGE; x2, x3 : BOOL; END_VAR
+VAR_OUTPUT ups, downs : INT; END_VAR
+VAR fam_rise_x0 : INT; seen : ARRAY[0..1] OF INT; END_VAR
+METHOD PUBLIC Look : BOOL
+VAR_INPUT x1 : BOOL; END_VAR
+ Look := x0 AND x1; IF THIS.x0 THEN seen[0] := seen[0] + 1; END_IF;
+END_METHOD
+ IF X0 THEN ups := ups + 1; END_IF;
+ IF x1 THEN downs := downs + 1; RETURN; END_IF;
+ IF Look(x1 := x2) THEN seen[1] := seen[1] + 1; END_IF;
+ fam_rise_x0 := fam_rise_x0 + 1;
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Derived EXTENDS Counts
+VAR more : DINT; END_VAR
+ IF x0 OR x1 THEN more := more + 1; END_IF;
+ SUPER^();
+ IF x0 THEN more := more + 100; END_IF;
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Silent EXTENDS Counts
+VAR nothing : DINT; END_VAR
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Steps
+VAR_INPUT RETAIN x0 : BOOL R_EDGE; x1, x2 : BOOL; x3 : BOOL F_EDGE := TRUE; END_VAR
+VAR n : INT; END_VAR
+INITIAL_STEP A: END_STEP
+STEP B: Act(P); END_STEP
+TRANSITION FROM A TO B := x0; END_TRANSITION
+TRANSITION FROM B TO A := x3; END_TRANSITION
+ACTION Act: n := n + 1; IF x1 THEN RETURN; END_IF; n := n + 10; END_ACTION
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK List
+VAR_INPUT x0 : BOOL R_EDGE; x1, x2, x3 : BOOL; END_VAR
+VAR n : INT; END_VAR
+ LD x0
+ ANDN x1
+ JMPCN over
+ LD n
+ ADD 1
+ ST n
+over:
+ LD n
+ ST n
+END_FUNCTION_BLOCK
+PROGRAM Bare
+VAR_INPUT x0 : BOOL F_EDGE; x1, x2, x3 : BOOL; END_VAR
+VAR many : ARRAY[1..3] OF Counts; n : LINT; k : DINT; END_VAR
+ FOR k := 1 TO 3 DO many[k](x0 := x1, x1 := NOT x2, x2 := x0, x3 := x3); END_FOR;
+ IF x0 THEN n := n + 1; END_IF;
+END_PROGRAM
+";
+
+#[test]
+fn edges_of_inputs_run_equal() {
+    let calls = ["Counts", "Derived", "Silent", "Steps", "List"].map(|n| (n.to_owned(), true));
+    let calls = [calls.to_vec(), vec![("Bare".to_owned(), false)]].concat();
+    let text = format!("{EDGES}{}", caller(&calls, 11));
+    let (_dir, path) = cell(&BTreeMap::from([("m.st", text)]), "");
+    let compared = all_forms_run_equal(&path, 1_000, 2);
+    assert_eq!(compared, 1_000);
+    something_happens(
+        &path,
+        &["i_Counts.ups", "i_Derived.more", "i_Steps.n", "i_List.n"],
+    );
+}
+
+/// These variables of the program M change, so that what is compared is no standstill; and the project read back is the same logic.
+fn something_happens(model: &Path, names: &[&str]) {
+    let fam = build(model).unwrap();
+    common::read_back(&fam);
+    let mc = &fam.mcs[0];
+    let engine = Engine::new(EngineOptions::default()).unwrap();
+    let form = Form::new(&engine, &mc.compiled, None);
+    let mut checkpoint = mc.initial_checkpoint.clone();
+    mc.control.activate(&mut checkpoint, 0, false);
+    let mut instance = form.instance(&engine, &checkpoint, 0);
+    let mut values: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    for scan in 0..300 {
+        instance.scan(scan * 10_000_000, BUDGET_TICKS).unwrap();
+        for name in names {
+            let value = instance.read(&format!("M.{name}")).unwrap();
+            values.entry(name).or_default().insert(value.to_string());
+        }
+    }
+    for (name, values) in values {
+        assert!(values.len() > 1, "{name} is always {values:?}");
+    }
+}
+
+/// Diagrams that remember: contacts and coils with edges, pins with edges, the outputs of functions with EN (of several types), feedback
+/// over blocks, jumps; in a program's action as well.
+const DIAGRAMS: &str = include_str!("cells/diagrams.xml");
+
+#[test]
+fn diagrams_run_equal() {
+    let calls = [("Ladder", true), ("Blocks", true), ("Drawing", false)];
+    let calls = calls.map(|(name, is_block)| (name.to_owned(), is_block));
+    let files = BTreeMap::from([
+        ("diagrams.xml", DIAGRAMS.to_owned()),
+        ("m.st", caller(&calls, 17)),
+    ]);
+    let (_dir, path) = cell(&files, "");
+    let compared = all_forms_run_equal(&path, 1_000, 4);
+    assert_eq!(compared, 1_000);
+    something_happens(
+        &path,
+        &[
+            "i_Ladder.n",
+            "i_Ladder.lamp",
+            "i_Ladder.held",
+            "i_Blocks.sum",
+            "i_Blocks.shade",
+            "i_Blocks.acts",
+        ],
+    );
 }

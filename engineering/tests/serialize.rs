@@ -123,9 +123,9 @@ fn a_state_that_cannot_be_written_out_is_named() {
             "the variable `M.p` cannot be serialized one by one: it holds an address",
         ),
         (
-            "FUNCTION_BLOCK F\nVAR_INPUT e : BOOL R_EDGE; END_VAR\nVAR n : INT; END_VAR\n IF e THEN n := n + 1; END_IF;\nEND_FUNCTION_BLOCK\n\
-             PROGRAM M\nVAR f : F; END_VAR\n f(e := TRUE);\nEND_PROGRAM\n",
-            "an edge of an input",
+            "TYPE S : STRUCT n : INT; which : REF_TO INT; END_STRUCT; END_TYPE\n\
+             PROGRAM M\nVAR s : ARRAY[2..3] OF S; x : INT; END_VAR\n s[2].which := REF(x); x := s[2].which^ + 1;\nEND_PROGRAM\n",
+            "the variable `M.s[2].which` cannot be serialized one by one: it holds an address",
         ),
     ];
     for (logic, message) in table {

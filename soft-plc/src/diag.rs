@@ -6,6 +6,19 @@ use serde::{Deserialize, Serialize};
 
 use crate::source::{Sources, Span};
 
+/// Longest line that is shown, in bytes: one of a file without line ends would bury what is said about it.
+const LINE_BYTES_MAX: usize = 1000;
+
+/// The line that a problem stands in, as it is shown: nothing of one that is too long.
+#[must_use]
+pub fn shown_line(line: &str) -> &str {
+    if line.len() > LINE_BYTES_MAX {
+        ""
+    } else {
+        line
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
@@ -161,7 +174,10 @@ impl Problem {
                     .next()
                     .map_or(0, |s| s.chars().count() as u32),
             );
-            diagnostic.source_line = format!("{}{line}", " ".repeat(missing as usize));
+            let line = shown_line(line);
+            if !line.is_empty() {
+                diagnostic.source_line = format!("{}{line}", " ".repeat(missing as usize));
+            }
             let wanted = sources
                 .slice(span)
                 .lines()

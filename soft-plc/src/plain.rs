@@ -1,22 +1,28 @@
-//! Charts as plain Structured Text, for compilers that keep the steps of their charts to themselves.
+//! POUs as plain Structured Text whose memory other compilers keep to themselves: charts, diagrams that remember something from scan
+//! to scan, and edges of inputs (R_EDGE, F_EDGE).
 //!
 //! What the compiler lowers a chart into (`syntax::sfc`) is written out under names that everybody may use: a step is a structure of
 //! the type FAM_STEP with its flag, its time, since when it is active, and its edges; what actions remember are variables of
-//! the POU; the time comes from the function FAM_TIME. Every variable has the type and the place that it has
-//! in the chart, so that both forms have the same bytes.
+//! the POU; the time comes from the function FAM_TIME. A diagram is written as the statements that it is read into (`plcopen::network`), with its
+//! edges, outputs of blocks with EN, and wires as variables. An edge of an input is a variable and two statements (`plain::edges`). Every variable
+//! has the type and the place that it has in the original, so that both forms have the same bytes.
+
+mod edges;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::check::tree::TypedProject;
 use crate::plcopen::WHOLE_TEXT_NAMESPACE;
-use crate::source::SourceFile;
-use crate::syntax::ast::{Expr, Ident, Pou, Project, Stmt, StmtKind, VarDecl, VarSection};
+use crate::source::{SourceFile, Span};
+use crate::syntax::ast::{
+    Expr, Ident, Pou, PouKind, Project, Stmt, StmtKind, TypeSpecKind, VarDecl, VarSection,
+};
 use crate::syntax::build::{At, block};
 use crate::syntax::print::{self, Words};
 use crate::syntax::sfc::STEP_TYPE;
 
 /// Name of the source that holds the type of steps.
-pub const CHARTS: &str = "charts (generated)";
+const CHARTS: &str = "charts (generated)";
 /// The library's function that tells the time.
 pub const TIME: &str = "FAM_TIME";
 /// A step's fields: as charts have them, and as they are written.
@@ -35,9 +41,9 @@ const HIDDEN_FIELDS: [(&str, &str); 4] = [
     ("__fall", "fell"),
 ];
 
-/// The sources with every chart as plain statements, where it stood; `None` if there are no charts. The type of steps stands in a
+/// The sources with every such POU as plain statements, where it stood; `None` if there are none. The type of steps stands in a
 /// source of its own, the last one.
-pub fn plain_charts(
+pub fn plain(
     project: &Project,
     typed: &TypedProject,
     files: &[SourceFile],
@@ -45,14 +51,19 @@ pub fn plain_charts(
     let names = Names::of(project);
     // Of each file the places where something goes, and what.
     let mut edits: BTreeMap<usize, BTreeMap<(u32, u32), String>> = BTreeMap::new();
-    for pou in &project.pous {
-        let Some(place) = pou.chart else { continue };
+    let is_hidden = |pou: &&Pou| has_hidden_memory(pou) || !edges::seen(project, pou).is_empty();
+    let wanted: BTreeSet<_> = project.pous.iter().filter(is_hidden).map(place).collect();
+    let mut has_steps = false;
+    // Several POUs may stand in one place, an element of an XML file.
+    for pou in project.pous.iter().filter(|p| wanted.contains(&place(p))) {
+        let place = pou.place;
+        has_steps |= is_chart(pou);
         let source = project.sources.get(place.source);
         let mut same = files.iter();
         let file = same.position(|f| f.name == source.name && f.text == source.text)?;
         let places = edits.entry(file).or_default();
         let text = places.entry((place.start, place.end)).or_default();
-        text.push_str(&names.text(pou, typed));
+        text.push_str(&names.text(project, pou, typed));
     }
     if edits.is_empty() {
         return None;
@@ -66,6 +77,9 @@ pub fn plain_charts(
             text.replace_range(start as usize..end as usize, &new);
         }
     }
+    if !has_steps {
+        return Some(out);
+    }
     let mut step = format!("TYPE\n    {} : STRUCT\n", names.step);
     for (name, ty) in FIELDS {
         step.push_str(&format!("        {name} : {ty};\n"));
@@ -75,11 +89,31 @@ pub fn plain_charts(
     Some(out)
 }
 
+fn place(pou: &Pou) -> (u32, u32, u32) {
+    let Span { source, start, end } = pou.place;
+    (source, start, end)
+}
+
+/// Whether a chart or a diagram keeps something under a name that no text can have.
+fn has_hidden_memory(pou: &Pou) -> bool {
+    let kept = pou.vars.iter().filter(|b| b.section == VarSection::Local);
+    is_chart(pou)
+        || pou.kind != PouKind::Function
+            && kept
+                .flat_map(|b| &b.decls)
+                .any(|d| d.name.name.starts_with("__"))
+}
+
+fn is_chart(pou: &Pou) -> bool {
+    let mut decls = pou.vars.iter().flat_map(|b| &b.decls);
+    decls.any(|d| matches!(&d.spec.kind, TypeSpecKind::Named(ty) if ty.name == STEP_TYPE))
+}
+
 /// A POU of PLCopen XML as nothing but its text.
 fn element(text: &str) -> String {
     let text = text.replace("]]>", "]]]]><![CDATA[>");
     format!(
-        "<pou name=\"chart\"><addData><data name=\"{WHOLE_TEXT_NAMESPACE}\" handleUnknown=\"preserve\"><st xmlns=\"{WHOLE_TEXT_NAMESPACE}\"><![CDATA[{text}]]></st></data></addData></pou>"
+        "<pou name=\"plain\"><addData><data name=\"{WHOLE_TEXT_NAMESPACE}\" handleUnknown=\"preserve\"><st xmlns=\"{WHOLE_TEXT_NAMESPACE}\"><![CDATA[{text}]]></st></data></addData></pou>"
     )
 }
 
@@ -130,6 +164,9 @@ impl Names {
         if name == "__MC_TIME" {
             return TIME.to_owned();
         }
+        if let Some(raw) = name.strip_prefix(edges::RAW) {
+            return raw.to_owned();
+        }
         let Some(hidden) = name.strip_prefix("__") else {
             return name.to_owned();
         };
@@ -139,23 +176,35 @@ impl Names {
         }
     }
 
-    fn text(&self, pou: &Pou, typed: &TypedProject) -> String {
+    fn text(&self, project: &Project, pou: &Pou, typed: &TypedProject) -> String {
         let wire = |name: &str| {
             let unit = typed.pou(typed.find_pou(&pou.name.name)?);
-            let mut vars = unit.vars.iter().map(|v| typed.var(*v));
+            let methods = unit.methods.iter().map(|(_, m)| typed.pou(*m));
+            let vars = methods.chain([unit]).flat_map(|u| &u.vars);
+            let mut vars = vars.map(|v| typed.var(*v));
             let var = vars.find(|v| v.name.eq_ignore_ascii_case(name))?;
             Some(typed.type_name(var.ty))
         };
+        let seen = edges::seen(project, pou);
         let words = Words {
             name: &|name| self.plain(name),
+            variable: &|name| Some(self.plain(seen.get(&name.to_ascii_uppercase())?)),
             wire: &wire,
+        };
+        let what = if is_chart(pou) {
+            "a sequential function chart"
+        } else if has_hidden_memory(pou) {
+            "a diagram"
+        } else {
+            "edges of inputs"
         };
         let mut pou = pou.clone();
         let mut left = Vec::new();
         pou.body = without_blocks(std::mem::take(&mut pou.body), &mut left);
         pou.vars.push(block(VarSection::Temp, left));
+        edges::write_out(&mut pou);
         format!(
-            "(* {}: a sequential function chart, written out in plain statements. *)\n{}",
+            "(* {}: {what}, written out in plain statements. *)\n{}",
             pou.name.name,
             print::pou(&pou, &words)
         )

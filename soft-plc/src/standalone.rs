@@ -137,7 +137,7 @@ fn add_entry(project: &mut Project, only: Option<&str>) -> Result<i64, Vec<Diagn
         ],
         body: entry.body,
         class: Class::default(),
-        chart: None,
+        place: at.0,
     });
     Ok(cycle_ns)
 }

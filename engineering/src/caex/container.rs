@@ -60,12 +60,19 @@ fn root_document(files: &ModelFiles) -> Result<String, ContainerError> {
         .map_err(|e| no_root(e.to_string()))?;
     let document =
         roxmltree::Document::parse(&text).map_err(|e| no_root(format!("`_rels/.rels`: {e}")))?;
-    let target = document
+    let mut targets = document
         .descendants()
         .filter(|n| n.has_tag_name((RELATIONSHIPS, "Relationship")))
-        .find(|n| n.attribute("Type") == Some(ROOT_DOCUMENT))
-        .and_then(|n| n.attribute("Target"))
+        .filter(|n| n.attribute("Type") == Some(ROOT_DOCUMENT))
+        .filter_map(|n| n.attribute("Target"));
+    let target = targets
+        .next()
         .ok_or_else(|| no_root(format!("`_rels/.rels` has no relationship {ROOT_DOCUMENT}")))?;
+    if let Some(other) = targets.find(|other| *other != target) {
+        return Err(no_root(format!(
+            "`_rels/.rels` names both `{target}` and `{other}`"
+        )));
+    }
     let target = percent_decoded(target)
         .ok_or_else(|| no_root(format!("`{target}` has a wrong percent escape")))?;
     join("", target.trim_start_matches('/')).map_err(|e| no_root(e.to_string()))

@@ -2,8 +2,9 @@
 //!
 //! The differences of 2.15 end here: no namespace, one RoleRequirements, and sides of links that are `{GUID}:Name`
 //! ([`super::links`] takes all spellings). Elements that the schema does not know are errors; what it knows and FAM has no
-//! use for (revisions, constraints, geometry) is passed over.
+//! use for (constraints, geometry) is passed over; of its history speaks [`super::history`].
 
+use super::history::{self, Change, History};
 use crate::problem::{Explain, ModelText, Place};
 use fam_soft_plc::diag::Diagnostic;
 use roxmltree::{Document, Node, ParsingOptions};
@@ -253,8 +254,11 @@ pub fn read(
         problems,
         parsed: Parsed::default(),
         path: Vec::new(),
+        history: History::default(),
+        is_plant: false,
     };
     reader.root(document.root_element())?;
+    reader.history.notices(text, reader.problems);
     Some(reader.parsed)
 }
 
@@ -266,9 +270,33 @@ struct Reader<'a> {
     parsed: Parsed,
     /// Names of the objects that are being read, the outermost first.
     path: Vec<String>,
+    history: History,
+    /// Whether an instance hierarchy is being read, and no library.
+    is_plant: bool,
 }
 
 impl Reader<'_> {
+    /// The elements in an element, without those that are marked as deleted.
+    fn elements<'n, 'i>(&mut self, node: Node<'n, 'i>) -> Vec<Node<'n, 'i>> {
+        let elements = node.children().filter(Node::is_element);
+        elements.filter(|n| self.is_there(*n)).collect()
+    }
+
+    fn is_there(&mut self, node: Node<'_, '_>) -> bool {
+        match history::change(node) {
+            Change::There => return true,
+            Change::Deleted => self.history.deleted(&self.path, node, self.tag(node)),
+            Change::Unknown => {
+                let value = self.attribute_text(node, "ChangeMode");
+                let value = value.unwrap_or_else(|| self.required(node, "ChangeMode"));
+                let message = format!("the ChangeMode `{}` is unknown", value.text);
+                let problem = self.text.error("M803", value.at, message);
+                self.report(problem.expected("state, create, change or delete"));
+            }
+        }
+        false
+    }
+
     fn report(&mut self, mut problem: Diagnostic) {
         if !self.path.is_empty() {
             problem.pou = Some(self.path.join("/"));
@@ -365,6 +393,12 @@ impl Reader<'_> {
                 return None;
             }
         }
+        if !self.is_there(root) {
+            let message = "the file is marked as deleted as a whole";
+            let problem = self.text.error("M802", self.tag(root), message);
+            self.report(problem.hint("name the file that has taken its place"));
+            return None;
+        }
         const CONTENT: [&str; 7] = [
             "ExternalReference",
             "InstanceHierarchy",
@@ -374,7 +408,7 @@ impl Reader<'_> {
             "AttributeTypeLib",
             "SourceDocumentInformation",
         ];
-        for node in root.children().filter(Node::is_element) {
+        for node in self.elements(root) {
             let name = node.tag_name().name();
             match name {
                 "ExternalReference" => {
@@ -387,7 +421,9 @@ impl Reader<'_> {
                 "SourceDocumentInformation" | "SuperiorStandardVersion" => {}
                 _ if HEADER.contains(&name) => {}
                 _ if CONTENT.contains(&name) => {
-                    let id = self.object(node, Kind::of(name)?, None, 1);
+                    let kind = Kind::of(name)?;
+                    self.is_plant = kind == Kind::InstanceHierarchy;
+                    let id = self.object(node, kind, None, 1);
                     self.parsed.roots.push(id);
                 }
                 _ => self.unknown(node, "CAEXFile", &CONTENT),
@@ -454,7 +490,7 @@ impl Reader<'_> {
             return id;
         }
         self.path.push(self.objects[id].name.text.clone());
-        for child in node.children().filter(Node::is_element) {
+        for child in self.elements(node) {
             self.child(id, kind, child, depth);
         }
         self.path.pop();
@@ -474,6 +510,9 @@ impl Reader<'_> {
             return;
         }
         if HEADER.contains(&name) {
+            if self.is_plant {
+                self.history.header(&self.path, name, self.tag(node));
+            }
             return;
         }
         if !kind.content().contains(&name) {
@@ -490,7 +529,7 @@ impl Reader<'_> {
             "SupportedRoleClass" => {
                 let role = self.required(node, "RefRoleClassPath");
                 self.objects[id].roles.push(role);
-                for mapping in node.children().filter(Node::is_element) {
+                for mapping in self.elements(node) {
                     self.mapping(id, mapping);
                 }
             }
@@ -500,7 +539,7 @@ impl Reader<'_> {
                     let role = self.required(node, "RefBaseRoleClassPath");
                     self.objects[id].roles.push(role);
                 }
-                for inner in node.children().filter(Node::is_element) {
+                for inner in self.elements(node) {
                     match inner.tag_name().name() {
                         "Attribute" => {
                             if let Some(attribute) = self.attribute(inner, depth + 1) {
@@ -537,7 +576,7 @@ impl Reader<'_> {
 
     /// `<MappingObject>`: names of attributes. Interfaces are known by their classes, whatever they are called.
     fn mapping(&mut self, id: ObjectId, node: Node<'_, '_>) {
-        for pair in node.children().filter(Node::is_element) {
+        for pair in self.elements(node) {
             if pair.tag_name().name() != "AttributeNameMapping" {
                 continue;
             }
@@ -563,7 +602,7 @@ impl Reader<'_> {
                 .filter(|b| !b.text.is_empty()),
             attributes: Vec::new(),
         };
-        for child in node.children().filter(Node::is_element) {
+        for child in self.elements(node) {
             match child.tag_name().name() {
                 "Value" => attribute.value = Some(self.content(child)),
                 "DefaultValue" => attribute.default = Some(self.content(child)),

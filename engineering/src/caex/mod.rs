@@ -16,6 +16,7 @@ pub mod container;
 pub mod document;
 pub mod foreign;
 pub mod hints;
+mod history;
 pub mod inherited;
 pub mod instances;
 pub mod library;

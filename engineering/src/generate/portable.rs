@@ -6,9 +6,8 @@
 //! form to the other.
 //!
 //! What the standard has no conversion for is written out: an enumeration as a CASE over its values, a string character by
-//! character, a date as the time from the first one. Charts have become plain statements before (`fam_soft_plc::plain`), their steps
-//! structures. What other compilers keep out of reach (the edges of R_EDGE inputs) or what means nothing elsewhere (addresses) is
-//! an error that names it.
+//! character, a date as the time from the first one. Charts, diagrams that remember and edges of inputs have become plain statements
+//! before (`fam_soft_plc::plain`), their memory variables. What means nothing elsewhere (addresses) is an error that names it.
 
 use fam_soft_plc::check::tree::{TypedProject, VarId};
 use fam_soft_plc::syntax::ast::VarSection;
@@ -43,7 +42,8 @@ pub struct PortableError {
 
 /// Hints of [`PortableError`], by what stands against a variable.
 mod hints {
-    pub const MADE: &str = "use an instance of R_TRIG or F_TRIG instead of R_EDGE or F_EDGE; or generate with `--target fam`";
+    pub const MADE: &str =
+        "write its POU in plain Structured Text; or generate with `--target fam`";
     pub const ADDRESS: &str = "keep the index of what is meant instead of a reference to it; or generate with `--target fam`";
     pub const OTHER: &str = "give it an elementary type, or an array or structure of such; or generate with `--target fam`";
 }
@@ -261,7 +261,7 @@ impl Writer<'_> {
         if path.has_hidden() {
             return Err(self.error(
                 path,
-                "the compiler made it (an edge of an input, or the memory of a diagram), and others keep it elsewhere",
+                "the compiler made it, and others keep it elsewhere",
                 hints::MADE,
             ));
         }

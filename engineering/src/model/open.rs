@@ -1,7 +1,7 @@
 //! Opens a model file of any form: `cell.toml`, AutomationML (`.aml`), or a container of it (`.amlx`).
 
 use super::toml_file::CellFile;
-use crate::caex::{cell, container, library};
+use crate::caex::{FAM_LIBRARY_FILE, cell, container, library};
 use crate::files::{FILE_BYTES_MAX, ModelAt, ModelFiles, below, decoded, folder_of};
 use crate::problem::{Explain, ModelText, file_error};
 use fam_soft_plc::diag::Diagnostic;
@@ -46,6 +46,15 @@ pub fn open<'a>(model: impl Into<ModelAt<'a>>) -> Opened {
 }
 
 fn read_bytes(path: &Path) -> Result<Vec<u8>, Box<Diagnostic>> {
+    if path.is_dir() {
+        let problem = file_error("M103", path, "this is a directory, no model".to_owned());
+        return Err(Box::new(match models_in(path).as_slice() {
+            [] => {
+                problem.hint("give the path of an AutomationML model (.aml, .amlx) or a cell.toml")
+            }
+            models => problem.hint(format!("did you mean {}?", models.join(" or "))),
+        }));
+    }
     let unreadable = |e: std::io::Error| {
         Box::new(
             file_error("M103", path, format!("the model cannot be read: {e}"))
@@ -69,6 +78,23 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, Box<Diagnostic>> {
         ));
     }
     Ok(bytes)
+}
+
+/// Models that lie in a folder, as far as their names say so.
+fn models_in(folder: &Path) -> Vec<String> {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut models: Vec<String> = files
+        .map(|f| f.path())
+        .filter(|p| {
+            let ending = p.extension().map(|e| e.to_ascii_lowercase());
+            let is_caex = ending.is_some_and(|e| e == "aml" || e == "amlx");
+            let is_library = p.file_name().is_some_and(|n| n == FAM_LIBRARY_FILE);
+            (is_caex && !is_library || p.ends_with("cell.toml")) && p.is_file()
+        })
+        .map(|p| format!("`{}`", p.display()))
+        .collect();
+    models.sort();
+    models
 }
 
 /// Where a model's references lead, and the model's own path from there.
@@ -156,6 +182,12 @@ pub fn open_bytes<'a>(model: impl Into<ModelAt<'a>>, bytes: &[u8]) -> Opened {
         },
     };
     let text = ModelText::new(name, text);
+    if text.text.trim().is_empty() {
+        return Opened::failed(
+            text.error("M101", 0..0, "the file is empty")
+                .expected("an AutomationML model (.aml, .amlx) or a cell.toml"),
+        );
+    }
     let (file, problems) = match toml::from_str::<CellFile>(&text.text) {
         Ok(file) => (Some(file), Vec::new()),
         Err(e) => (None, vec![text.unreadable(&e)]),

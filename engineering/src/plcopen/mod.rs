@@ -3,7 +3,7 @@
 //! Each MC is a RESOURCE of its own in the controller's CONFIGURATION: with its global variables (its process image and
 //! its plain globals), its task, and its programs. So names and addresses of different MCs do not meet, as in FAM itself.
 //! Types and POUs of all MCs share one list; where two MCs mean different things by one name, the later one's is
-//! written as `<MC>_<name>`. Which items belong to an MC, and in what order, stands in the resource's `addData`.
+//! written as `<MC>_<name>`, and read back under its own. Which items belong to an MC, and in what order, stands in the resource's `addData`.
 
 mod body;
 mod comments;
@@ -186,10 +186,12 @@ fn unit<'a>(
                 items,
             };
         };
+        // A name that stands nowhere in the MC's logic: so whoever reads the project back knows where it stands for the old one.
         let taken = |name: &str| {
             let upper = name.to_ascii_uppercase();
-            shared.keys().any(|(_, n)| *n == upper)
-                || items.iter().any(|i| i.original.eq_ignore_ascii_case(name))
+            let is_said = |s: &SourceFile| s.text.to_ascii_uppercase().contains(&upper);
+            mc.sources[..written].iter().any(is_said)
+                || shared.keys().any(|(_, n)| *n == upper)
                 || renames.values().any(|n| n.eq_ignore_ascii_case(name))
         };
         let mut name = format!("{}_{}", mc.mc, clash.original);

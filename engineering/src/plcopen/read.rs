@@ -49,6 +49,7 @@ pub fn mc_source(project: &str, mc: &str) -> Result<SourceFile, ReadError> {
         .find(|n| n.has_tag_name((MC_DATA, "mc")))
         .ok_or_else(no_mc)?;
     let text = |node: Node<'_, '_>| project[node.range()].to_owned();
+    let renames = Renamed::of(list);
     let mut parts = [String::new(), String::new()];
     for item in list.children().filter(Node::is_element) {
         let (kind, element, part) = if item.has_tag_name((MC_DATA, "type")) {
@@ -75,7 +76,7 @@ pub fn mc_source(project: &str, mc: &str) -> Result<SourceFile, ReadError> {
         .parent()
         .and_then(|p| p.attribute("name"))
         .unwrap_or("");
-    let [types, pous] = parts;
+    let [types, pous] = parts.map(|part| renames.undo(part));
     Ok(SourceFile::new(
         format!("{mc}.xml"),
         format!(
@@ -87,9 +88,28 @@ pub fn mc_source(project: &str, mc: &str) -> Result<SourceFile, ReadError> {
             root_namespace(root),
             header("fileHeader"),
             header("contentHeader"),
-            text(resource),
+            renames.undo(text(resource)),
         ),
     ))
+}
+
+/// Items that another MC's name stands in the way of: their names in the project and in the MC's logic. The first stands nowhere in the logic.
+struct Renamed<'a>(Vec<(&'a str, &'a str)>);
+
+impl<'a> Renamed<'a> {
+    fn of(list: Node<'a, '_>) -> Self {
+        let items = list.children().filter(Node::is_element);
+        let names = items.filter_map(|i| Some((i.attribute("name")?, i.attribute("original")?)));
+        let mut names: Vec<_> = names.filter(|(new, old)| new.len() > old.len()).collect();
+        // One may be the beginning of another.
+        names.sort_by_key(|(new, _)| std::cmp::Reverse(new.len()));
+        Self(names)
+    }
+
+    fn undo(&self, text: String) -> String {
+        let replace = |text: String, (new, old): &(&str, &str)| text.replace(new, old);
+        self.0.iter().fold(text, replace)
+    }
 }
 
 fn root_namespace<'a>(root: Node<'a, '_>) -> &'a str {

@@ -443,7 +443,12 @@ impl UnitWriter<'_> {
             || !class.methods.is_empty()
             || class.is_abstract
             || class.is_final;
-        if is_class || is_chart {
+        let has_edges = pou
+            .vars
+            .iter()
+            .flat_map(|b| &b.decls)
+            .any(|d| d.edge.is_some());
+        if is_class || is_chart || has_edges {
             let (open, close) = match pou.kind {
                 PouKind::Program => ("PROGRAM", "END_PROGRAM"),
                 _ => ("FUNCTION_BLOCK", "END_FUNCTION_BLOCK"),
@@ -479,7 +484,7 @@ fn st_body(xml: &mut Xml, text: &str) {
     xml.close();
 }
 
-/// What TC6 has no elements for (methods, inheritance, interfaces, textual charts) goes along as the whole text.
+/// What TC6 has no elements for (methods, inheritance, interfaces, textual charts, edges of inputs) goes along as the whole text.
 fn whole_data(xml: &mut Xml, text: &str) {
     xml.open("addData", &[]);
     xml.open(

@@ -3,6 +3,7 @@
 mod bad;
 #[path = "../common/mod.rs"]
 mod common;
+mod history;
 mod libraries;
 mod links;
 mod refused;

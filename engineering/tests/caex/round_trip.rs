@@ -102,9 +102,11 @@ impl Cell<'_> {
             true => "\"all\"".to_owned(),
             false => format!("[{}]", hosts.join(", ")),
         };
-        let program = match self.random.chance(50) {
-            true => format!("Main{m}"),
-            false => String::new(),
+        // Often several MCs have programs of one name.
+        let program = match self.random.below(4) {
+            0 => String::new(),
+            1 => format!("Main{m}"),
+            _ => "Main".to_owned(),
         };
         let mut text = format!(
             "[[mc]]\nname = \"Mc{m}\"\nlogic = [\"common.st\", \"logic/mc {m}.st\"]\ngateway = \"g{gateway}\"\nhosts = {hosts}\nworst_case_us = {}\n",
@@ -175,7 +177,8 @@ impl Cell<'_> {
             let _ = writeln!(external, "Out{n} : BOOL;");
             let _ = writeln!(body, " Out{n} := step MOD {} = 0;", n + 2);
         }
-        let mut declared = String::from("step : INT; busy : BOOL;\n");
+        let mut declared =
+            String::from("step : INT; busy : BOOL; Own : OwnBlock; look : Look := Look#There;\n");
         for (name, (ty, init, _)) in &variables {
             let init = match init.is_empty() {
                 true => String::new(),
@@ -195,7 +198,11 @@ impl Cell<'_> {
             text += &self.interval(i, &variables);
         }
         let logic = format!(
-            "VAR_GLOBAL\n{located}END_VAR\nPROGRAM {name}\nVAR_EXTERNAL\n{external}END_VAR\nVAR\n{declared}END_VAR\n{body} busy := NOT busy; (* <&> *)\nEND_PROGRAM\n"
+            "VAR_GLOBAL\n{located}END_VAR\nPROGRAM {name}\nVAR_EXTERNAL\n{external}END_VAR\nVAR\n{declared}END_VAR\n{body} Own(n := step); look := Own.look; busy := NOT busy; (* <&> *)\nEND_PROGRAM\n\
+             FUNCTION_BLOCK OwnBlock\nVAR_INPUT n : INT; END_VAR\nVAR_OUTPUT look : Look; END_VAR\n look := SEL(n MOD {} = 0, Look#Here, There);\nEND_FUNCTION_BLOCK\n\
+             TYPE Look : (Here, There{}); END_TYPE\n",
+            m % 2 + 2,
+            ["", ", Gone"][m / 2 % 2]
         );
         let logic = logic.replace("VAR_GLOBAL\nEND_VAR\n", "");
         let logic = logic.replace("VAR_EXTERNAL\nEND_VAR\n", "");

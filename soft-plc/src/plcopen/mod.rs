@@ -226,6 +226,8 @@ impl Reader<'_> {
             return;
         };
         self.pou = Some(name.name.clone());
+        let range = node.range();
+        let place = Span::new(self.source, range.start, range.end);
         let whole = node
             .descendants()
             .find(|n| n.has_tag_name((WHOLE_TEXT_NAMESPACE, "st")));
@@ -235,11 +237,7 @@ impl Reader<'_> {
             let problems = parse_declarations(part.source, &part.text, part.base, project);
             self.problems.extend(problems);
             let read = &mut project.pous[known..];
-            if read.iter().any(|p| p.chart.is_some()) {
-                let range = node.range();
-                let element = Span::new(self.source, range.start, range.end);
-                read.iter_mut().for_each(|p| p.chart = Some(element));
-            }
+            read.iter_mut().for_each(|p| p.place = place);
             return;
         }
         let kind = match node.attribute("pouType") {
@@ -263,7 +261,7 @@ impl Reader<'_> {
             vars: Vec::new(),
             body: Vec::new(),
             class: crate::syntax::ast::Class::default(),
-            chart: None,
+            place,
         };
         if let Some(interface) = element(node, "interface") {
             self.interface(interface, &mut pou);
@@ -298,8 +296,6 @@ impl Reader<'_> {
         let language = self.language_of(body);
         if let Some(chart) = language.filter(|l| l.tag_name().name() == "SFC") {
             self.chart(chart, pou_node, pou);
-            let range = pou_node.range();
-            pou.chart = Some(Span::new(self.source, range.start, range.end));
             return;
         }
         // Actions outside of a chart are called by their name.
@@ -317,7 +313,7 @@ impl Reader<'_> {
                     vars: Vec::new(),
                     body: Vec::new(),
                     class: crate::syntax::ast::Class::default(),
-                    chart: None,
+                    place: pou.place,
                 };
                 let mut holder = method.clone();
                 method.body = self.statements_of(inner, &mut holder);

@@ -196,8 +196,8 @@ pub struct Pou {
     pub vars: Vec<VarBlock>,
     pub body: Vec<Stmt>,
     pub class: Class,
-    /// Where the whole declaration stands if a chart was lowered into the body: there its text in plain statements goes.
-    pub chart: Option<Span>,
+    /// Where the whole declaration stands: there its text in plain statements goes, if it needs one.
+    pub place: Span,
 }
 
 /// The object-oriented part of a function block or method.

@@ -4,6 +4,7 @@ use logos::{Lexer, Logos};
 
 use crate::diag::Problem;
 use crate::source::Span;
+use crate::syntax::parser::PROBLEMS_MAX;
 
 /// What a token is; its text is found through its span.
 #[derive(Logos, Clone, Copy, Debug, PartialEq, Eq)]
@@ -170,7 +171,10 @@ pub fn lex(source: u32, text: &str, base: usize, problems: &mut Vec<Problem>) ->
             Ok(tok) => tokens.push(Token { tok, span }),
             Err(()) => {
                 let slice = lexer.slice();
-                problems.push(unknown(slice, span));
+                // A file that is no text at all has as many problems as bytes.
+                if problems.len() < PROBLEMS_MAX {
+                    problems.push(unknown(slice, span));
+                }
                 if slice.starts_with(['\'', '"']) {
                     broken(slice, span, &mut tokens);
                 }

@@ -290,7 +290,7 @@ impl Parser<'_> {
             vars: Vec::new(),
             body: Vec::new(),
             class,
-            chart: None,
+            place: opener,
         };
         if self.eat(Tok::Colon) {
             pou.result = Some(self.type_spec()?);
@@ -366,7 +366,7 @@ impl Parser<'_> {
             vars: Vec::new(),
             body: Vec::new(),
             class,
-            chart: None,
+            place: opener,
         };
         self.variables(&mut pou)?;
         self.methods(&mut pou)?;
@@ -376,7 +376,7 @@ impl Parser<'_> {
         if !closed {
             self.unclosed(kind, &pou.name, opener, end);
         }
-        pou.chart = pou.chart.map(|_| opener.to(self.last_span()));
+        pou.place = opener.to(self.last_span());
         if library {
             project.library.push(pou);
         } else {

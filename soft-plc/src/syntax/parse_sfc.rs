@@ -55,7 +55,6 @@ impl Parser<'_> {
         }
         if self.problems.len() == clean {
             let mut problems = Vec::new();
-            pou.chart = Some(pou.name.span);
             sfc.lower(pou, &mut problems);
             problems.into_iter().for_each(|p| self.report(p));
         }

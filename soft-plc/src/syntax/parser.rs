@@ -11,7 +11,7 @@ use crate::syntax::lexer::{Kw, Tok, Token, lex};
 /// How deep expressions and statements may be nested; a limit, so that no text can exhaust the stack.
 pub const DEPTH_MAX: u32 = 200;
 /// How many problems one text may report before the rest is left out.
-const PROBLEMS_MAX: usize = 200;
+pub const PROBLEMS_MAX: usize = 200;
 
 /// The problem has been reported already; the caller recovers.
 #[derive(Debug)]

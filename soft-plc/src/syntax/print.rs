@@ -1,5 +1,6 @@
 //! Writes a POU as Structured Text: what is read again gives the same syntax tree.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use crate::syntax::ast::{
@@ -13,6 +14,8 @@ use crate::value::{Value, format_time};
 pub struct Words<'a> {
     /// The name that is written for a name.
     pub name: &'a dyn Fn(&str) -> String,
+    /// What stands for a variable of the POU where its statements and those of its methods name it.
+    pub variable: &'a dyn Fn(&str) -> Option<String>,
     /// The type of a wire of a diagram, which its declaration does not say.
     pub wire: &'a dyn Fn(&str) -> Option<String>,
 }
@@ -23,6 +26,7 @@ pub fn pou(pou: &Pou, words: &Words<'_>) -> String {
         words,
         out: String::new(),
         depth: 0,
+        own: BTreeSet::new(),
     };
     printer.pou(pou);
     printer.out
@@ -41,6 +45,8 @@ struct Printer<'a> {
     words: &'a Words<'a>,
     out: String,
     depth: usize,
+    /// Names of the method that is being written, in upper case: they hide those of its POU.
+    own: BTreeSet<String>,
 }
 
 impl Printer<'_> {
@@ -71,7 +77,11 @@ impl Printer<'_> {
     fn pou(&mut self, pou: &Pou) {
         let class = &pou.class;
         let mut head = pou.kind.to_string();
-        let access = (class.access != Access::Public).then(|| word_of(class.access));
+        let access = match class.access {
+            // What is not said means PROTECTED in the standard.
+            Access::Public => (pou.kind == PouKind::Method).then_some("PUBLIC"),
+            other => Some(word_of(other)),
+        };
         let flags = [
             access,
             class.is_abstract.then_some("ABSTRACT"),
@@ -99,7 +109,11 @@ impl Printer<'_> {
             self.block(block);
         }
         for method in &class.methods {
+            let decls = method.vars.iter().flat_map(|b| &b.decls);
+            let names = decls.map(|d| &d.name).chain([&method.name]);
+            self.own = names.map(|n| n.name.to_ascii_uppercase()).collect();
             self.inside(|p| p.pou(method));
+            self.own.clear();
         }
         self.statements(&pou.body);
         self.line(match pou.kind {
@@ -364,7 +378,11 @@ impl Printer<'_> {
             ExprKind::EnumValue(ty, value) => {
                 format!("{}#{}", self.name(&ty.name), self.name(&value.name))
             }
-            ExprKind::Name(name) => self.name(name),
+            ExprKind::Name(name) => {
+                let is_own = self.own.contains(&name.to_ascii_uppercase());
+                let other = (!is_own).then(|| (self.words.variable)(name)).flatten();
+                other.unwrap_or_else(|| self.name(name))
+            }
             ExprKind::Direct(address) => address.clone(),
             ExprKind::Field(of, field) => {
                 format!("{}.{}", self.operand(of), self.name(&field.name))
@@ -376,7 +394,11 @@ impl Printer<'_> {
             }
             ExprKind::Call(callee, args) => {
                 let args: Vec<String> = args.iter().map(|a| self.argument(a)).collect();
-                format!("{}({})", self.operand(callee), args.join(", "))
+                let callee = match &callee.kind {
+                    ExprKind::Name(name) => self.name(name),
+                    _ => self.operand(callee),
+                };
+                format!("{callee}({})", args.join(", "))
             }
             ExprKind::Unary(UnOp::Not, inner) => format!("NOT {}", self.operand(inner)),
             ExprKind::Unary(UnOp::Neg, inner) => format!("-{}", self.operand(inner)),

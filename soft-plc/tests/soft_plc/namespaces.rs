@@ -210,6 +210,7 @@ PROGRAM P VAR r : INT; END_VAR r := Left.Sum(); END_PROGRAM"
     let (project, _) = parse_project(&[SourceFile::new("test.st", text)]);
     let words = Words {
         name: &|name| name.to_owned(),
+        variable: &|_| None,
         wire: &|_| None,
     };
     let written = |pou| fam_soft_plc::syntax::print::pou(pou, &words);

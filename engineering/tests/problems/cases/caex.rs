@@ -38,6 +38,34 @@ pub const CASES: &[Case] = &[
         "missing name",
         &[(AML, "<InternalElement Name=\"Lit\"", "<InternalElement")],
     ),
+    (
+        "deleted elements",
+        &[(
+            AML,
+            "<InternalElement Name=\"A\"",
+            "<InternalElement Name=\"c2\" ChangeMode=\"delete\" />\n    <InternalElement Name=\"A\"",
+        )],
+    ),
+    (
+        "unknown change",
+        &[(AML, "ID=\"lit\"", "ID=\"lit\" ChangeMode=\"removed\"")],
+    ),
+    (
+        "a file that is deleted",
+        &[(
+            "own.aml",
+            "SchemaVersion",
+            "ChangeMode=\"delete\" SchemaVersion",
+        )],
+    ),
+    (
+        "versions",
+        &[(
+            AML,
+            "<Attribute Name=\"worst",
+            "<Version>1.2</Version><Copyright>ours</Copyright>\n      <Attribute Name=\"worst",
+        )],
+    ),
     ("an ID twice", &[(AML, "ID=\"lit\"", "ID=\"a\"")]),
     ("missing library", &[(AML, "own.aml\" />", "mine.aml\" />")]),
     (
