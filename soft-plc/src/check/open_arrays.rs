@@ -314,6 +314,7 @@ impl<'p> Checker<'p> {
         // Names of a method hide those of its function block.
         let block = self.pou(id).instance_of;
         let mut names = block.map_or_else(BTreeMap::new, |b| self.scopes[b.0 as usize].clone());
+        names.retain(|_, var| !self.lives_with_body(*var));
         names.extend(own);
         self.scopes[id.0 as usize] = names;
         self.settle_inits(settled);
