@@ -185,7 +185,8 @@ impl Fun<'_, '_> {
                             addr.form = location.bit.map_or(Form::Image, Form::ImageBit);
                             if project.types.is_aggregate(var.ty) {
                                 addr.form = Form::Cell;
-                                closer = var.image_elem(&project.types);
+                                let first = location.bit.unwrap_or(0);
+                                closer = var.image_elem(&project.types).map(|e| (e, first));
                             }
                         }
                     }
@@ -206,18 +207,14 @@ impl Fun<'_, '_> {
                     let TypeKind::Array { dims, elem } = project.types.kind(ty).clone() else {
                         continue;
                     };
-                    let bit = match place.root {
-                        Root::Var(id) => project.var(id).location.and_then(|l| l.bit),
-                        _ => None,
-                    };
                     let closer = closer.take();
-                    if closer == Some(Elem::Bool) {
-                        dynamic = self.bit_of_image(indices, &dims, bit.unwrap_or(0), &mut addr);
+                    if let Some((Elem::Bool, first)) = closer {
+                        dynamic = self.bit_of_image(indices, &dims, first, &mut addr);
                         ty = step.ty;
                         continue;
                     }
                     let stride = match closer {
-                        Some(elem) => elem.image_bytes(),
+                        Some((elem, _)) => elem.image_bytes(),
                         None => self.m.plan.sizes.stride(project, elem) as u32,
                     };
                     let mut weights = vec![stride; dims.len()];
