@@ -270,6 +270,10 @@ impl<'p> Checker<'p> {
                 );
                 if let Some(close) = closest(&ident.name, &candidates) {
                     problem = problem.hint(format!("did you mean `{close}`?"));
+                } else {
+                    problem = problem.hint(
+                        "declare it; one that the PLC's own tool brings along has to be given with the logic",
+                    );
                 }
                 self.report(problem);
                 TypeId::ERROR
