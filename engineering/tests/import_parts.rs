@@ -90,3 +90,17 @@ fn shared_variables_are_to_be_decided_and_shared_constants_are_not() {
     assert_eq!(shared.len(), 1, "{shared:?}");
     assert!(shared[0].contains("Count is used by P, Q"), "{shared:?}");
 }
+
+#[test]
+fn a_task_without_an_interval_gives_no_cycle() {
+    let proposal = of(&format!(
+        "{PROGRAMS}CONFIGURATION c\nRESOURCE r ON PLC\nTASK t(INTERVAL := T#0s, PRIORITY := 1);\nPROGRAM main WITH t : P;\nEND_RESOURCE\nEND_CONFIGURATION\n"
+    ));
+    assert_eq!(proposal.mcs[0].cycle_ms, None);
+    assert!(
+        proposal
+            .to_do
+            .iter()
+            .any(|t| t.contains("gives it no cycle"))
+    );
+}
