@@ -223,3 +223,21 @@ fn diagnosis_files_are_valid_against_their_schema() {
         );
     }
 }
+
+/// Programs, blocks and types of one name that mean different things; and a variable that has the name which one of them would get.
+#[test]
+fn two_mcs_with_the_same_names_are_read_back() {
+    let logic = |ty: &str, by: u32| {
+        format!(
+            "TYPE Mode : (Off, On{by}); END_TYPE\nFUNCTION_BLOCK Count\nVAR_OUTPUT n : {ty}; END_VAR\n n := n + {by};\nEND_FUNCTION_BLOCK\n\
+             PROGRAM Main\nVAR B_Main : Mode; Count : Count; mode : Mode; b_count2 : {ty}; END_VAR\n Count(); B_Main := mode; b_count2 := Count.n; (* B_Mode *)\nEND_PROGRAM\n"
+        )
+    };
+    let (dir, path) = common::one_mc(&logic("INT", 1), "program = \"Main\"\n");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let second = "[[mc]]\nname = \"B\"\nlogic = [\"b.st\"]\ngateway = \"g\"\nhosts = \"all\"\nworst_case_us = 10\nprogram = \"Main\"\n";
+    std::fs::write(&path, format!("{text}{second}")).unwrap();
+    std::fs::write(dir.path().join("b.st"), logic("DINT", 2)).unwrap();
+    let built = build(&path).unwrap_or_else(|p| panic!("{p}"));
+    common::read_back(&built);
+}

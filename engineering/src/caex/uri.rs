@@ -144,6 +144,8 @@ mod tests {
             ("../PLCOpenXML/x.xml", uri("../PLCOpenXML/x.xml", None)),
             ("logic\\a.xml#Main", uri("logic/a.xml", Some("Main"))),
             ("a.xml#", uri("a.xml", None)),
+            // A drive is no scheme; the path leaves the model's folder.
+            ("C:\\a.xml#M", uri("C:/a.xml", Some("M"))),
             ("file:./a.xml", uri("./a.xml", None)),
             ("  ", Err(UriError::Empty)),
             (

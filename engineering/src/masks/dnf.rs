@@ -273,6 +273,11 @@ mod tests {
         // Pairs of alternatives: 2 ** 9 rows.
         let pairs = (0..9).map(|n| Formula::Or(vec![bit(2 * n), bit(2 * n + 1)]));
         assert_eq!(Formula::And(pairs.collect()).rows(), Err(TooLarge));
+        // Few rows with many masks each.
+        let long = |k: u32| Formula::And((0..9).map(|n| bit(n * 200 + k)).collect());
+        let of = |rows: u32| Formula::Or((0..rows).map(long).collect()).rows();
+        assert_eq!(of(200).map(|rows| rows.len()), Ok(200));
+        assert_eq!(of(240), Err(TooLarge));
         // An exclusive-or doubles with each part.
         let parity = (1..40).map(bit).fold(bit(0), exclusive);
         assert_eq!(parity.rows(), Err(TooLarge));

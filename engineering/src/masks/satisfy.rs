@@ -238,6 +238,31 @@ mod tests {
     }
 
     #[test]
+    fn a_variable_against_itself_and_two_views_of_one_place() {
+        let compare = |left: MaskVariable, operator, right: MaskOperand| Mask {
+            left,
+            bits: u64::MAX,
+            operator,
+            right,
+        };
+        let x = variable(0, MaskType::Signed(4));
+        for (operator, expected) in [
+            (MaskOperator::Less, Satisfiable::No),
+            (MaskOperator::Greater, Satisfiable::No),
+            (MaskOperator::NotEqual, Satisfiable::No),
+            (MaskOperator::LessOrEqual, Satisfiable::Unknown),
+        ] {
+            let itself = compare(x, operator, MaskOperand::Variable(x));
+            assert_eq!(satisfiable(&[itself]), expected, "{operator:?}");
+        }
+        let equal = |v, n| compare(v, MaskOperator::Equal, MaskOperand::Integer(n));
+        for (offset, expected) in [(3, Satisfiable::Unknown), (4, Satisfiable::Yes)] {
+            let other = variable(offset, MaskType::Unsigned(1));
+            assert_eq!(satisfiable(&[equal(x, 0), equal(other, 7)]), expected);
+        }
+    }
+
+    #[test]
     fn reals_have_values_between_neighbours_only_if_there_are_any() {
         let compare = |of, operator, value: f64| Mask {
             left: variable(0, of),

@@ -193,3 +193,34 @@ fn what_is_wrong_in_a_library_shows_at_the_element_that_it_comes_to() {
         }
     }
 }
+
+/// The limit of the second controller of the old model, whose class says 40 %.
+fn limit_permille(own: &str) -> u32 {
+    let dir = tempfile::tempdir().unwrap();
+    let model = super::old_model(dir.path());
+    let cpu = "<Attribute Name=\"cpuFactor\" AttributeDataType=\"xs:double\"><Value>0.5";
+    let text = super::OLD.replacen(cpu, &format!("{own}{cpu}"), 1);
+    std::fs::write(&model, text).unwrap();
+    let built = fam_engineering::build(&model).unwrap_or_else(|p| panic!("{p}"));
+    built.model.controllers[1].limit_permille
+}
+
+#[test]
+fn an_own_attribute_goes_before_its_class_as_far_as_it_says_something() {
+    for (own, expected) in [
+        ("", 400),
+        (
+            "<Attribute Name=\"loadLimit\"><Value>30</Value></Attribute>",
+            300,
+        ),
+        // A default is what holds where nobody says more.
+        (
+            "<Attribute Name=\"loadLimit\"><DefaultValue>30</DefaultValue></Attribute>",
+            400,
+        ),
+        // The own unit, and the value of the class.
+        ("<Attribute Name=\"loadLimit\" Unit=\"permille\" />", 40),
+    ] {
+        assert_eq!(limit_permille(own), expected, "{own}");
+    }
+}

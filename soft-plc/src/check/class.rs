@@ -23,7 +23,12 @@ impl<'p> Checker<'p> {
                 let id = self.add_method(&syntax.name.name, method);
                 self.pous[id.0 as usize].instance_of = Some(block);
                 let own = &mut self.pous[block.0 as usize].methods;
-                own.push((key(&method.name.name), id));
+                let name = key(&method.name.name);
+                let twice = own.iter().any(|(n, _)| *n == name);
+                own.push((name, id));
+                if twice {
+                    self.method_twice(&method.name);
+                }
             }
         }
         let project = self.project;
@@ -31,6 +36,9 @@ impl<'p> Checker<'p> {
             let mut methods = Vec::new();
             for method in &interface.methods {
                 let id = self.add_method(&interface.name.name, method);
+                if methods.iter().any(|(n, _)| *n == key(&method.name.name)) {
+                    self.method_twice(&method.name);
+                }
                 methods.push((key(&method.name.name), id));
             }
             self.interfaces.push(Interface {
@@ -38,6 +46,11 @@ impl<'p> Checker<'p> {
                 methods,
             });
         }
+    }
+
+    fn method_twice(&mut self, name: &ast::Ident) {
+        let message = format!("the method `{}` is declared twice", name.name);
+        self.report(Problem::error("E201", name.span, message));
     }
 
     fn add_method(&mut self, owner: &str, method: &'p ast::Pou) -> PouId {

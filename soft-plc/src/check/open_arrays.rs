@@ -18,6 +18,9 @@ use crate::syntax::ast::{self, Arg, PouKind, TypeSpecKind, VarSection};
 use crate::types::{Elem, InterfaceId, TypeId, TypeKind};
 use crate::value::Value;
 
+/// How many POUs are made of patterns.
+const MADE_MAX: usize = 2_000;
+
 /// POUs with open arrays: the patterns with their parameters, and what was made of them.
 #[derive(Debug, Default)]
 pub(super) struct OpenArrays {
@@ -206,6 +209,14 @@ impl<'p> Checker<'p> {
         let Some(open) = self.open_arrays.patterns.get(&pou).cloned() else {
             return Some(None);
         };
+        if self.open_arrays.made.len() >= MADE_MAX {
+            let message = format!("arrays of more than {MADE_MAX} kinds are passed to ARRAY[*]");
+            self.report(
+                Problem::error("E229", span, message)
+                    .hint("a POU that passes ever larger arrays to itself has no end"),
+            );
+            return None;
+        }
         let pairs = self.match_arguments(pou, args, span)?;
         let mut given = Vec::new();
         for parameter in open {
@@ -314,6 +325,7 @@ impl<'p> Checker<'p> {
         // Names of a method hide those of its function block.
         let block = self.pou(id).instance_of;
         let mut names = block.map_or_else(BTreeMap::new, |b| self.scopes[b.0 as usize].clone());
+        names.retain(|_, var| !self.lives_with_body(*var));
         names.extend(own);
         self.scopes[id.0 as usize] = names;
         self.settle_inits(settled);

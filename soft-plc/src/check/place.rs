@@ -295,6 +295,15 @@ impl Checker<'_> {
             self.member(pou, field)?;
             return None;
         };
+        if let Some(section) = self.section_out_of_reach(&field.name) {
+            let message = format!(
+                "`{}` is {section}, and exists while the body runs",
+                field.name
+            );
+            let problem = Problem::error("E313", field.span, message);
+            self.report(problem.hint("pass it to the method as a parameter"));
+            return None;
+        }
         let ty = self.var(id).ty;
         (ty != TypeId::ERROR).then(|| Place {
             root: Root::Var(id),
@@ -508,6 +517,14 @@ impl Checker<'_> {
             self.report(problem.hint(hint));
             return;
         }
+        if let Some(section) = self.section_out_of_reach(name) {
+            let message = format!(
+                "`{name}` is {section} of the function block, and exists while its body runs"
+            );
+            let problem = Problem::error("E301", span, message);
+            self.report(problem.hint("pass it to the method as a parameter"));
+            return;
+        }
         let mut candidates: Vec<String> = Vec::new();
         candidates.extend(
             self.current
@@ -526,6 +543,18 @@ impl Checker<'_> {
             problem = problem.hint(format!("did you mean `{close}`?"));
         }
         self.report(problem);
+    }
+
+    /// The section of a variable that methods of its function block do not reach.
+    fn section_out_of_reach(&self, name: &str) -> Option<VarSection> {
+        let pou = self
+            .current
+            .pou
+            .filter(|p| self.pou(*p).kind == PouKind::Method)?;
+        let block = self.pou(self.pou(pou).instance_of?);
+        let mut all = block.vars.iter().copied();
+        let found = all.find(|v| self.var(*v).name.eq_ignore_ascii_case(name))?;
+        self.lives_with_body(found).then(|| self.var(found).section)
     }
 
     /// Reports what must not be written. Answers whether writing is allowed.

@@ -50,6 +50,10 @@ impl<'p> Checker<'p> {
         if let Some(base) = before {
             self.declare_with_bases(base, done);
             names.clone_from(&self.scopes[base.0 as usize]);
+            if self.pou(id).kind == PouKind::Method {
+                // Those exist while the body runs only.
+                names.retain(|_, var| !self.lives_with_body(*var));
+            }
             if self.pou(id).extends.is_some() {
                 names.retain(|_, var| self.access.get(var) != Some(&ast::Access::Private));
             }
@@ -72,6 +76,11 @@ impl<'p> Checker<'p> {
         }
         self.scopes[id.0 as usize] = std::mem::take(&mut self.current.names);
         self.leave();
+    }
+
+    /// Whether a variable of a function block or program is there only while its body runs.
+    pub(super) fn lives_with_body(&self, var: VarId) -> bool {
+        matches!(self.var(var).section, VarSection::InOut | VarSection::Temp)
     }
 
     pub(super) fn declare_pou(&mut self, id: PouId) {
@@ -243,6 +252,22 @@ impl<'p> Checker<'p> {
                 Problem::error("E223", decl.name.span, message)
                     .expected("the name of a variable declared in VAR_GLOBAL"),
             );
+            // What uses it has nothing to add.
+            let unknown = VarId(self.vars.len() as u32);
+            self.vars.push(Var {
+                name: name.clone(),
+                ty: TypeId::ERROR,
+                section: VarSection::External,
+                constant: false,
+                retain: false,
+                location: None,
+                open_input: false,
+                open_output: false,
+                init: None,
+                owner: None,
+                span: decl.name.span,
+            });
+            self.current.names.insert(key(name), unknown);
             return;
         };
         let Some(id) = self.declare_global(b, d) else {

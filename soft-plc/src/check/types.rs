@@ -310,6 +310,10 @@ impl<'p> Checker<'p> {
                     problem = problem.hint(hint);
                 } else if let Some(close) = closest(&ident.name, &candidates) {
                     problem = problem.hint(format!("did you mean `{close}`?"));
+                } else {
+                    problem = problem.hint(
+                        "declare it; one that the PLC's own tool brings along has to be given with the logic",
+                    );
                 }
                 self.report(problem);
                 TypeId::ERROR

@@ -2,16 +2,19 @@
 //!
 //! One Wasm function for each program, function block and function that the entry reaches. A function block's function takes
 //! the address of its instance and of its VAR_IN_OUTs; a function takes its inputs by value (arrays and structures by
-//! address) and gives its result and outputs as results. POUs do not recurse, so temporary arrays and structures have fixed
-//! addresses in scratch memory. Run-time checks call `$trap(site, detail)`, which notes both in the system area and stops.
+//! address) and gives its result and outputs as results. Loops whose steps are known are written out (`loops`), and small function
+//! blocks stand in the place of their calls (`inline`); what locals hold already is not read again (`hold`, `known`). POUs do
+//! not recurse, so temporary arrays and structures have fixed addresses in scratch memory. Run-time checks call `$trap(site, detail)`, which notes both in the system area and stops.
 
 mod call;
+mod cells;
 mod convert;
 mod dispatch;
 mod expr;
 mod fun;
 mod helper;
 mod hold;
+mod index;
 mod inline;
 mod known;
 mod loops;

@@ -43,6 +43,15 @@ struct Ends<'a, 'i> {
     last: Node<'a, 'i>,
 }
 
+/// How many macro steps may stand in each other.
+const MACROS_DEEP_MAX: usize = 32;
+
+/// How many macro steps are around an element, itself included.
+fn nesting(node: Node<'_, '_>) -> usize {
+    let around = node.ancestors();
+    around.filter(|a| a.has_tag_name_local("macroStep")).count()
+}
+
 fn is_initial(node: Node<'_, '_>) -> bool {
     node.attribute("initialStep") == Some("true")
 }
@@ -205,6 +214,11 @@ impl Reader<'_> {
         for node in nodes.iter().filter(|n| n.has_tag_name_local("macroStep")) {
             let chart = element(*node, "body").and_then(|b| self.language_of(b));
             match chart.filter(|c| c.has_tag_name_local("SFC")) {
+                Some(chart) if nesting(*node) > MACROS_DEEP_MAX => {
+                    let span = self.tag(chart);
+                    let message = format!("macro steps stand in each other {MACROS_DEEP_MAX} deep");
+                    self.report(Problem::error("E113", span, message));
+                }
                 Some(chart) => {
                     macros.push(*node);
                     let of = Some(macros.len() - 1);

@@ -50,6 +50,9 @@ pub(super) fn ends_variables(kw: Kw) -> bool {
         )
 }
 
+/// How many names a path may have, and how many namespaces may stand in each other.
+const PATH_PARTS_MAX: usize = 16;
+
 /// How many there were.
 struct Declared {
     types: usize,
@@ -193,6 +196,10 @@ impl Parser<'_> {
             self.advance();
         }
         let name = self.qualified("the name of the namespace")?;
+        if self.spaces.len() >= PATH_PARTS_MAX {
+            self.too_deep(name.span);
+            return Err(Stop);
+        }
         let mut path = self.space();
         let parts: Vec<&str> = name.name.split('.').collect();
         for (number, part) in parts.iter().enumerate() {
@@ -216,8 +223,14 @@ impl Parser<'_> {
     /// `a.b.Name`
     pub(super) fn qualified(&mut self, wanted: &str) -> Parsed<Ident> {
         let mut whole = self.ident(wanted)?;
+        let mut parts = 1;
         while self.at(Tok::Dot) && self.peek_at(1) == Tok::Ident {
             self.advance();
+            parts += 1;
+            if parts > PATH_PARTS_MAX {
+                self.too_deep(whole.span);
+                return Err(Stop);
+            }
             let part = self.ident(wanted)?;
             whole.name = join(&whole.name, &part.name);
             whole.span = whole.span.to(part.span);

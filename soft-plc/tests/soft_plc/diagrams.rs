@@ -43,13 +43,13 @@ fn machine(vars: &[&str], body: &str) -> Machine {
     Machine::of(&compile(&text).unwrap_or_else(|e| panic!("{e}")))
 }
 
-fn input(id: u32, text: &str) -> String {
+pub fn input(id: u32, text: &str) -> String {
     format!(
         "<inVariable localId=\"{id}\"><connectionPointOut/><expression>{text}</expression></inVariable>"
     )
 }
 
-fn from(ids: &[&str]) -> String {
+pub fn from(ids: &[&str]) -> String {
     let list: String = ids
         .iter()
         .map(|id| match id.split_once('.') {
@@ -62,7 +62,7 @@ fn from(ids: &[&str]) -> String {
     format!("<connectionPointIn>{list}</connectionPointIn>")
 }
 
-fn output(id: u32, text: &str, source: &[&str]) -> String {
+pub fn output(id: u32, text: &str, source: &[&str]) -> String {
     format!(
         "<outVariable localId=\"{id}\">{}<expression>{text}</expression></outVariable>",
         from(source)
@@ -70,7 +70,7 @@ fn output(id: u32, text: &str, source: &[&str]) -> String {
 }
 
 /// Inputs as `pin=source` or `pin!=source` (negated), `pin/=source` (rising edge); outputs by their names.
-fn block(id: u32, ty: &str, instance: &str, inputs: &[&str], outputs: &[&str]) -> String {
+pub fn block(id: u32, ty: &str, instance: &str, inputs: &[&str], outputs: &[&str]) -> String {
     let ins: String = inputs
         .iter()
         .filter_map(|i| i.split_once('='))

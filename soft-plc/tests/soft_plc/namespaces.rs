@@ -222,3 +222,17 @@ NAMESPACE Right TYPE Color : (Blue, Black); END_TYPE END_NAMESPACE\n";
     // Green, Black, 11, 1
     assert_eq!(m.text("r"), "14");
 }
+
+#[test]
+fn paths_have_an_end() {
+    let long = vec!["a"; 20_000].join(".");
+    let deep = "NAMESPACE a ".repeat(20_000);
+    for text in [
+        format!("NAMESPACE {long} END_NAMESPACE"),
+        format!("FUNCTION {long} : INT END_FUNCTION"),
+        format!("PROGRAM P USING {long}; END_PROGRAM"),
+        deep,
+    ] {
+        assert!(problems(&text).contains("E113"), "{}", &text[..40]);
+    }
+}

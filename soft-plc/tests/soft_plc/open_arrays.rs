@@ -268,3 +268,15 @@ END_PROGRAM"
     let codes: Vec<&str> = warnings.iter().map(|w| w.code.as_str()).collect();
     assert_eq!(codes, [""; 0], "{warnings:?}");
 }
+
+#[test]
+fn arrays_that_grow_with_each_call_have_an_end() {
+    let text = "FUNCTION F : DINT
+VAR_INPUT a : ARRAY[*] OF INT; END_VAR
+VAR b : ARRAY[0..UPPER_BOUND(a, 1) + 1] OF INT; END_VAR
+F := F(b);
+END_FUNCTION
+PROGRAM P VAR x : ARRAY[0..3] OF INT; r : DINT; END_VAR r := F(x); END_PROGRAM";
+    let found = problems(text);
+    assert!(found.contains("error["), "{found}");
+}

@@ -187,6 +187,13 @@ const SLIPS: &[(&str, &str, u32, u32, &str)] = &[
         "hides the function",
     ),
     (
+        "a : INT; END_VAR\nVAR_EXTERNAL g : INT; END_VAR\na := g + g;\ng := a;",
+        "E223",
+        2,
+        14,
+        "VAR_GLOBAL",
+    ),
+    (
         "t : TON; END_VAR\nt(IN := TRUE, PT := 5);",
         "E302",
         2,
@@ -240,6 +247,61 @@ fn one_mistake_is_one_error_where_a_person_would_look() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n---\n"));
+}
+
+/// Whole texts, for what is wrong between POUs.
+const WHOLE: &[(&str, &str, u32, u32, &str)] = &[
+    (
+        "FUNCTION_BLOCK B VAR_IN_OUT x : INT; END_VAR\nMETHOD PUBLIC M : INT M := x; END_METHOD\nx := 1;\nEND_FUNCTION_BLOCK",
+        "E301",
+        2,
+        28,
+        "pass it to the method",
+    ),
+    (
+        "FUNCTION_BLOCK B VAR_IN_OUT x : INT; END_VAR\nMETHOD PUBLIC M : INT M := THIS^.x; END_METHOD\nx := 1;\nEND_FUNCTION_BLOCK",
+        "E313",
+        2,
+        34,
+        "pass it to the method",
+    ),
+    (
+        "FUNCTION_BLOCK B VAR_TEMP x : INT; END_VAR\nMETHOD PUBLIC M : INT M := x; END_METHOD\nx := 1;\nEND_FUNCTION_BLOCK",
+        "E301",
+        2,
+        28,
+        "pass it to the method",
+    ),
+    (
+        "FUNCTION_BLOCK B\nMETHOD PUBLIC M : INT M := 1; END_METHOD\nMETHOD PUBLIC m : INT m := 2; END_METHOD\nEND_FUNCTION_BLOCK",
+        "E201",
+        3,
+        15,
+        "declared twice",
+    ),
+    (
+        "INTERFACE I METHOD M : INT END_METHOD\nMETHOD M END_METHOD END_INTERFACE",
+        "E201",
+        2,
+        8,
+        "declared twice",
+    ),
+];
+
+#[test]
+fn mistakes_between_pous_are_told_once_too() {
+    for (text, code, line, column, part) in WHOLE {
+        let (project, problems) = parse_project(&[SourceFile::new("slip.st", *text)]);
+        assert!(problems.is_empty(), "{problems:?}");
+        let errors = check(&project, CheckOptions::default())
+            .err()
+            .unwrap_or_default();
+        let said: String = errors.iter().map(ToString::to_string).collect();
+        assert_eq!(errors.len(), 1, "{text}\n{said}");
+        let found = (errors[0].code.as_str(), errors[0].line, errors[0].column);
+        assert_eq!(found, (*code, *line, *column), "{said}");
+        assert!(said.contains(part), "{said}");
+    }
 }
 
 #[test]
