@@ -302,7 +302,7 @@ impl<'m, 'p> Fun<'m, 'p> {
 
     /// Gives the temporary variables of a function block that is put in the place of its call their places and initial values.
     /// Answers the locals.
-    pub fn temporaries(&mut self, pou: PouId) -> Vec<(VarId, u32)> {
+    pub fn temporaries(&mut self, pou: PouId) -> Vec<u32> {
         let project = self.m.project;
         let mut locals = Vec::new();
         for id in project.pou(pou).vars.clone() {
@@ -321,7 +321,7 @@ impl<'m, 'p> Fun<'m, 'p> {
                     let value = self.initial(id, elem);
                     self.constant(value, elem);
                     self.i(I::LocalSet(local));
-                    locals.push((id, local));
+                    locals.push(local);
                 }
                 None => self.prepare_scratch(id),
             }

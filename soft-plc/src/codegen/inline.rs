@@ -57,6 +57,8 @@ impl Fun<'_, '_> {
         let project = self.m.project;
         let body = project.body(call.pou);
         self.put_in_place += self.weight(body);
+        // Variables of a base are those of the caller too, if that is derived from it.
+        let slots = self.slots.clone();
         let passed = self.take_addresses(call.pou);
         let instance = self.named_instance(call, place, base);
         let outer = std::mem::replace(&mut self.instance, instance);
@@ -80,8 +82,8 @@ impl Fun<'_, '_> {
         self.ranges = ranges;
         self.pou = caller;
         self.instance = outer;
-        for (id, local) in temporaries {
-            self.slots.remove(&id);
+        self.slots = slots;
+        for local in temporaries {
             self.release(local);
         }
         if !passed.is_empty() {
