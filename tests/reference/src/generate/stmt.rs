@@ -283,29 +283,44 @@ impl World {
                 (),
             ),
         };
+        self.counting(scope, (&name, t), head, out, |g, scope| {
+            let mut body = g.few(scope, depth);
+            // An element for each round.
+            if t == Elem::Sint || t == Elem::Int {
+                let arrays = |l: &super::scope::Leaf| {
+                    l.write
+                        && matches!(&l.ty, Ty::Array(_, dims) if dims.len() == 1 && dims[0].0 <= 0 && dims[0].1 >= 0)
+                };
+                if let Some((text, leaf)) = g.place(scope, 0, arrays)
+                    && let Ty::Array(elem, dims) = leaf.ty
+                    && !matches!(*elem, Ty::Array(..) | Ty::Struct(_))
+                {
+                    g.note("array in a loop");
+                    let value = g.expr(scope, &elem, 2);
+                    body.push(Piece::line(format!(
+                        "{text}[LIMIT({t}#{}, {name}, {t}#{})] := {value};",
+                        dims[0].0, dims[0].1
+                    )));
+                }
+            }
+            body
+        });
+    }
+
+    /// A FOR loop over a counter that its body can read.
+    fn counting(
+        &mut self,
+        scope: &mut Scope,
+        (name, t): (&str, Elem),
+        head: String,
+        out: &mut Vec<Piece>,
+        body: impl FnOnce(&mut Self, &mut Scope) -> Vec<Piece>,
+    ) {
         scope.counters_used += 1;
         scope.loops += 1;
         let known = scope.leaves.len();
-        self.enter(scope, &name, &Ty::El(t), false, false);
-        let mut body = self.few(scope, depth);
-        // An element for each round.
-        if t == Elem::Sint || t == Elem::Int {
-            let arrays = |l: &super::scope::Leaf| {
-                l.write
-                    && matches!(&l.ty, Ty::Array(_, dims) if dims.len() == 1 && dims[0].0 <= 0 && dims[0].1 >= 0)
-            };
-            if let Some((text, leaf)) = self.place(scope, 0, arrays)
-                && let Ty::Array(elem, dims) = leaf.ty
-                && !matches!(*elem, Ty::Array(..) | Ty::Struct(_))
-            {
-                self.note("array in a loop");
-                let value = self.expr(scope, &elem, 2);
-                body.push(Piece::line(format!(
-                    "{text}[LIMIT({t}#{}, {name}, {t}#{})] := {value};",
-                    dims[0].0, dims[0].1
-                )));
-            }
-        }
+        self.enter(scope, name, &Ty::El(t), false, false);
+        let body = body(self, scope);
         scope.leaves.truncate(known);
         scope.loops -= 1;
         scope.counters_used -= 1;
@@ -350,22 +365,13 @@ impl World {
             n if n > 0 => format!("{name} + {n}"),
             n => format!("{name} - {}", -n),
         };
-        scope.counters_used += 1;
-        scope.loops += 1;
-        let known = scope.leaves.len();
-        self.enter(scope, name, &Ty::El(t), false, false);
-        self.enter(scope, &format!("{text}[{index}]"), &elem, true, false);
-        let mut body = self.few(scope, depth);
-        let value = self.expr(scope, &elem, 2);
-        body.push(Piece::line(format!("{text}[{index}] := {value};")));
-        scope.leaves.truncate(known);
-        scope.loops -= 1;
-        scope.counters_used -= 1;
-        out.push(Piece::block(
-            format!("FOR {name} := {head} DO"),
-            body,
-            "END_FOR;",
-        ));
+        self.counting(scope, (name, t), head, out, |g, scope| {
+            g.enter(scope, &format!("{text}[{index}]"), &elem, true, false);
+            let mut body = g.few(scope, depth);
+            let value = g.expr(scope, &elem, 2);
+            body.push(Piece::line(format!("{text}[{index}] := {value};")));
+            body
+        });
         true
     }
 
