@@ -2,7 +2,7 @@
 //!
 //! The differences of 2.15 end here: no namespace, one RoleRequirements, and sides of links that are `{GUID}:Name`
 //! ([`super::links`] takes all spellings). Elements that the schema does not know are errors; what it knows and FAM has no
-//! use for (constraints, geometry) is passed over; of its history speaks [`super::history`].
+//! use for (constraints, geometry) is passed over; of its history speaks `history`.
 
 use super::history::{self, Change, History};
 use crate::problem::{Explain, ModelText, Place};

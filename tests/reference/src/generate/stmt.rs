@@ -354,7 +354,7 @@ impl World {
         }
         self.note("FOR over an array");
         let ahead = self.random.within(-3, 3);
-        let (low, high) = (i64::from(dims[0].0) - ahead, i64::from(dims[0].1) - ahead);
+        let (low, high) = (dims[0].0 - ahead, dims[0].1 - ahead);
         let head = match self.random.below(3) {
             0 => format!("{high} TO {low} BY -1"),
             1 => format!("{low} TO {high} BY 2"),
