@@ -103,7 +103,7 @@ pub struct ImportArgs {
     /// PLCopen XML or Structured Text
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The AutomationML model to write; logic, library and the list of what is to be decided stand beside it
+    /// The AutomationML model to write, or a folder for it; logic, library and the list of what is to be decided stand beside it
     #[arg(long, value_name = "FILE.aml")]
     pub out: PathBuf,
 }
@@ -260,11 +260,15 @@ pub fn import(args: &ImportArgs) -> Result<()> {
         let text = text_of(file).with_context(|| format!("cannot read {}", file.display()))?;
         sources.push(SourceFile::new(file.display().to_string(), text));
     }
-    let (dir, name) = place(&args.out)?;
-    if ending(&args.out) != "aml" {
+    let out = match args.files.first().and_then(|f| f.file_stem()) {
+        Some(stem) if args.out.extension().is_none() => args.out.join(stem).with_extension("aml"),
+        _ => args.out.clone(),
+    };
+    let (dir, name) = place(&out)?;
+    if ending(&out) != "aml" {
         bail!(
-            "{} is no AutomationML file: expected an ending .aml",
-            args.out.display()
+            "{} is no AutomationML file: expected an ending .aml, or a folder",
+            out.display()
         );
     }
     let files = import::model(&sources, &name)?;

@@ -176,3 +176,43 @@ fn a_new_cell_runs_at_once() {
         );
     }
 }
+
+#[test]
+fn an_existing_project_becomes_a_model() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).display().to_string();
+    std::fs::write(at("tank.xml"), LOGIC).unwrap();
+    let import = |out: &str| run(&["import", &at("tank.xml"), "--out", &at(out)]);
+    // A folder, and the model by its name.
+    for (out, model) in [("there", "there/tank.aml"), ("plant.aml", "plant.aml")] {
+        let (code, said, err) = import(out);
+        assert_eq!(code, 0, "{said}{err}");
+        assert!(said.contains(model), "{said}");
+        let (code, said, err) = run(&["check", &at(model)]);
+        assert_eq!(code, 0, "{said}{err}");
+    }
+    let todo = std::fs::read_to_string(at("there/TODO.md")).unwrap();
+    assert!(todo.contains("Tank1"), "{todo}");
+    let (code, _, err) = import("plant.xml");
+    assert_ne!(code, 0);
+    assert!(
+        err.contains("expected an ending .aml, or a folder"),
+        "{err}"
+    );
+    // What somebody has written meanwhile is not lost.
+    std::fs::write(at("there/TODO.md"), "mine").unwrap();
+    let (code, _, err) = import("there");
+    assert_ne!(code, 0);
+    assert!(
+        err.contains("is there already, with other content"),
+        "{err}"
+    );
+    assert_eq!(
+        std::fs::read_to_string(at("there/TODO.md")).unwrap(),
+        "mine"
+    );
+    std::fs::write(at("none.xml"), "").unwrap();
+    let (code, _, err) = run(&["import", &at("none.xml"), "--out", &at("other")]);
+    assert_ne!(code, 0);
+    assert!(err.contains("none.xml"), "{err}");
+}

@@ -156,6 +156,13 @@ pub fn lex(source: u32, text: &str, base: usize, problems: &mut Vec<Problem>) ->
         let range = lexer.span();
         let span = Span::new(source, base + range.start, base + range.end);
         match result {
+            Ok(Tok::Comment(true)) if lexer.slice().starts_with(FOREIGN.0) => {
+                let opener = Span::new(source, base + range.start, base + range.start + 2);
+                problems.push(
+                    Problem::error("E104", opener, "code of another language cannot be run")
+                        .hint("write what stands between `{{` and `}}` in Structured Text"),
+                );
+            }
             Ok(Tok::Comment(true)) => {}
             Ok(Tok::Comment(false)) => {
                 let opener = Span::new(source, base + range.start, base + range.start + 1);
@@ -243,6 +250,9 @@ fn unknown(slice: &str, span: Span) -> Problem {
     }
 }
 
+/// What some tools put around C code in Structured Text.
+const FOREIGN: (&str, &str) = ("{{", "}}");
+
 fn comment_paren(lexer: &mut Lexer<'_, Tok>) -> bool {
     nested(lexer, b"(*", b"*)")
 }
@@ -283,9 +293,14 @@ fn comment_line(lexer: &mut Lexer<'_, Tok>) -> bool {
 
 fn pragma(lexer: &mut Lexer<'_, Tok>) -> bool {
     let rest = lexer.remainder();
-    match rest.find('}') {
+    let close = if rest.starts_with('{') {
+        FOREIGN.1
+    } else {
+        "}"
+    };
+    match rest.find(close) {
         Some(end) => {
-            lexer.bump(end + 1);
+            lexer.bump(end + close.len());
             true
         }
         None => {

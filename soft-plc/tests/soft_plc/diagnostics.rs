@@ -373,6 +373,14 @@ const CASES: &[(&str, &str, &str, u32, u32, &str)] = &[
         "this comment or pragma is never closed",
     ),
     (
+        "a : INT;",
+        "{{ if (0) { a = 1; } }} a := 1;",
+        "E104",
+        3,
+        1,
+        "code of another language cannot be run",
+    ),
+    (
         "for : INT;",
         ";",
         "E112",
