@@ -91,6 +91,8 @@ pub struct FieldNode {
     pub name: String,
     pub offset: u32,
     pub len: u32,
+    /// In the process image, of a BOOL its bit, of an array of them the bit of its first element.
+    pub bit: Option<u8>,
     pub retain: bool,
     pub ty: Arc<TypeNode>,
 }
@@ -134,6 +136,9 @@ impl TypeNode {
                         field.name.to_ascii_uppercase(),
                         field.offset
                     ));
+                    if let Some(bit) = field.bit {
+                        out.push_str(&format!(".{bit} "));
+                    }
                     field.ty.describe(out);
                     out.push(';');
                 }
@@ -269,6 +274,7 @@ impl VariableInfo {
         VariableInfo {
             path: format!("{}.{}", self.path, field.name),
             offset: self.offset + field.offset,
+            bit: field.bit,
             len: field.len,
             ty: field.ty.clone(),
             retain: self.retain || field.retain,

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use crate::check::IMAGE_BYTES_MAX;
 use crate::check::tree::{Location, PouId, Root, Stmt, TypedProject, Var, VarId, visit_places};
 use crate::diag::{Diagnostic, Problem, finish_all};
+use crate::image;
 use crate::layout::{
     Area, CompileSpec, FieldNode, Layout, Region, TypeNode, VariableInfo, WORK_REGION,
 };
@@ -256,16 +257,11 @@ impl Builder<'_> {
         if var.location.is_some() {
             len = self.image_bytes(var);
         }
-        let mut ty = self.node(var.ty);
-        if let (Some(elem), TypeNode::Array { dims, elem: of, .. }) =
-            (var.image_elem(&self.project.types), &*ty)
-        {
-            ty = Arc::new(TypeNode::Array {
-                dims: dims.clone(),
-                stride: elem.image_bytes(),
-                elem: of.clone(),
-            });
-        }
+        let ty = if var.is_closer(&self.project.types) {
+            self.node_in_image(var.ty)
+        } else {
+            self.node(var.ty)
+        };
         if at.saturating_add(len) > MEMORY_BYTES_MAX {
             return;
         }
@@ -283,22 +279,52 @@ impl Builder<'_> {
 
     fn image_bytes(&mut self, var: &Var) -> u64 {
         let types = &self.project.types;
-        let closer = var.image_elem(types);
-        match (types.elem(var.ty), types.kind(var.ty)) {
-            (Some(elem), _) => u64::from(elem.image_bytes()),
-            (None, TypeKind::Array { dims, elem }) => {
-                let counts = dims.iter().map(|(l, h)| (h - l + 1) as u64);
-                let count = counts.fold(1, u64::saturating_mul);
-                match (closer, var.location.and_then(|l| l.bit)) {
-                    (Some(Elem::Bool), bit) => {
-                        count.saturating_add(bit.unwrap_or(0).into()).div_ceil(8)
-                    }
-                    (Some(elem), _) => count.saturating_mul(elem.image_bytes().into()),
-                    _ => count.saturating_mul(self.sizes.stride(self.project, *elem)),
+        if let Some(elem) = types.elem(var.ty) {
+            return elem.image_bytes().into();
+        }
+        if var.is_closer(types) {
+            let first = var.location.and_then(|l| l.bit).unwrap_or(0);
+            let bits = image::extent(types, var.ty).map_or(0, |(bits, _)| bits);
+            return bits.saturating_add(first.into()).div_ceil(8);
+        }
+        self.sizes.of(self.project, var.ty).0
+    }
+
+    /// The shape of what lies closer in the process image than in memory.
+    fn node_in_image(&mut self, ty: TypeId) -> Arc<TypeNode> {
+        let types = &self.project.types;
+        let bytes = |bits: u64| bits.div_ceil(8).min(u64::from(u32::MAX)) as u32;
+        Arc::new(match types.kind(ty) {
+            TypeKind::Array { dims, elem } => TypeNode::Array {
+                dims: dims.clone(),
+                stride: bytes(image::stride_bits(types, *elem)),
+                elem: self.node_in_image(*elem),
+            },
+            TypeKind::Struct { fields } => {
+                let mut list = Vec::new();
+                for (index, field) in fields.iter().enumerate() {
+                    let (from, bits, _) = image::field(types, ty, index).unwrap_or_default();
+                    let of_bits = match types.kind(field.ty) {
+                        TypeKind::Array { elem, .. } => *elem,
+                        _ => field.ty,
+                    };
+                    let bit = (types.elem(of_bits) == Some(Elem::Bool)).then_some((from % 8) as u8);
+                    list.push(FieldNode {
+                        name: field.name.clone(),
+                        offset: (from / 8) as u32,
+                        len: bytes(bits + from % 8),
+                        bit,
+                        retain: false,
+                        ty: self.node_in_image(field.ty),
+                    });
+                }
+                TypeNode::Struct {
+                    name: self.project.type_name(ty),
+                    fields: list,
                 }
             }
-            _ => self.sizes.of(self.project, var.ty).0,
-        }
+            _ => return self.node(ty),
+        })
     }
 
     /// Places `%M` variables behind what the first region holds; answers where they begin, and the new end of the region
@@ -419,6 +445,7 @@ impl Builder<'_> {
                         name: field.name.clone(),
                         offset: self.sizes.field(project, ty, index) as u32,
                         len: self.sizes.of(project, field.ty).0 as u32,
+                        bit: None,
                         retain: false,
                         ty: self.node(field.ty),
                     });
@@ -437,6 +464,7 @@ impl Builder<'_> {
                             name: var.name.clone(),
                             offset: self.sizes.offsets[id.0 as usize] as u32,
                             len: self.sizes.of(project, var.ty).0 as u32,
+                            bit: None,
                             retain: var.retain,
                             ty: self.node(var.ty),
                         });
@@ -573,46 +601,57 @@ impl Builder<'_> {
 /// Of variables that share their place, the one that says a value has it: a value of zeros is not written.
 fn initial_output(filler: &mut Filler<'_>, var: &Var, at: usize, image: &mut [u8]) {
     let project = filler.project;
-    let Some(elem) = project.types.elem(var.ty) else {
-        let (size, _) = filler.sizes.of(project, var.ty);
-        let mut bytes = vec![0; size as usize];
-        filler.variable(&mut bytes, var.ty, var.init.as_ref());
-        match (var.image_elem(&project.types), var.location) {
-            (Some(Elem::Bool), Some(location)) => {
-                let first = at * 8 + usize::from(location.bit.unwrap_or(0));
-                for (index, value) in bytes.iter().enumerate().filter(|(_, v)| **v != 0) {
-                    if let Some(byte) = image.get_mut((first + index) / 8) {
-                        *byte |= (value & 1) << ((first + index) % 8);
-                    }
-                }
-            }
-            (Some(elem), _) => {
-                let (cell, width) = (elem.cell_bytes() as usize, elem.image_bytes() as usize);
-                let parts = image[at..].chunks_exact_mut(width);
-                let values = parts.zip(bytes.chunks_exact(cell));
-                for (to, from) in values.filter(|(_, from)| from.iter().any(|b| *b != 0)) {
-                    to.copy_from_slice(&from[..width]);
-                }
-            }
-            _ => {
-                let values = image[at..].iter_mut().zip(&bytes);
-                values
-                    .filter(|(_, b)| **b != 0)
-                    .for_each(|(to, b)| *to = *b);
-            }
-        }
+    let (size, _) = filler.sizes.of(project, var.ty);
+    let mut cells = vec![0; size as usize];
+    filler.variable(&mut cells, var.ty, var.init.as_ref());
+    let first = at * 8 + usize::from(var.location.and_then(|l| l.bit).unwrap_or(0));
+    to_image(project, filler.sizes, var.ty, &cells, first, image);
+}
+
+/// Brings a value from the form of memory into that of the image, from bit `first` on.
+fn to_image(
+    project: &TypedProject,
+    sizes: &mut Sizes,
+    ty: TypeId,
+    cells: &[u8],
+    first: usize,
+    image: &mut [u8],
+) {
+    if cells.iter().all(|byte| *byte == 0) {
         return;
-    };
-    let mut cell = [0u8; 8];
-    let width = elem.cell_bytes() as usize;
-    filler.variable(&mut cell[..width], var.ty, var.init.as_ref());
-    match var.location.and_then(|l| l.bit) {
-        Some(bit) => image[at] |= (cell[0] & 1) << bit,
-        None if cell == [0; 8] => {}
-        None => {
-            let width = elem.image_bytes() as usize;
-            image[at..at + width].copy_from_slice(&cell[..width]);
+    }
+    let types = &project.types;
+    match types.kind(ty) {
+        TypeKind::Array { elem, .. } => {
+            let stride = sizes.stride(project, *elem) as usize;
+            let bits = image::stride_bits(types, *elem) as usize;
+            for (index, value) in cells.chunks_exact(stride).enumerate() {
+                to_image(project, sizes, *elem, value, first + index * bits, image);
+            }
         }
+        TypeKind::Struct { fields } => {
+            for (index, field) in fields.iter().enumerate() {
+                let from = sizes.field(project, ty, index) as usize;
+                let (size, _) = sizes.of(project, field.ty);
+                let value = &cells[from..from + size as usize];
+                let bit = image::field_bit(types, ty, index) as usize;
+                to_image(project, sizes, field.ty, value, first + bit, image);
+            }
+        }
+        _ => match types.elem(ty) {
+            Some(Elem::Bool) => {
+                if let Some(byte) = image.get_mut(first / 8) {
+                    *byte |= (cells[0] & 1) << (first % 8);
+                }
+            }
+            Some(elem) => {
+                let width = elem.image_bytes() as usize;
+                if let Some(place) = image.get_mut(first / 8..first / 8 + width) {
+                    place.copy_from_slice(&cells[..width]);
+                }
+            }
+            None => {}
+        },
     }
 }
 

@@ -338,6 +338,8 @@ pub const STRING_LEN_MAX: u32 = 65_535;
 pub struct Field {
     pub name: String,
     pub ty: TypeId,
+    /// Relative address: its first bit, counted from the start of the structure in the process image.
+    pub at: Option<u64>,
     pub init: Option<InitValue>,
 }
 

@@ -269,7 +269,7 @@ impl UnitWriter<'_> {
             }
             // Wires of diagrams have no type of their own in a project; their values are computed where they are used.
             TypeSpecKind::Inferred => xml.empty("ANY", &[]),
-            TypeSpecKind::Struct { fields } => {
+            TypeSpecKind::Struct { fields, .. } => {
                 xml.open("struct", &[]);
                 for field in fields {
                     self.variable(xml, field);

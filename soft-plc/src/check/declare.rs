@@ -3,7 +3,6 @@
 use crate::check::tree::{Location, Pou, PouId, Var, VarId};
 use crate::check::{Checker, Declared, Progress, key};
 use crate::diag::{Fallible, Problem};
-use crate::source::Span;
 use crate::syntax::ast::{self, PouKind, VarSection};
 use crate::types::{Elem, InterfaceId, TypeId, TypeKind};
 
@@ -144,6 +143,9 @@ impl<'p> Checker<'p> {
         if ty == TypeId::INFERRED && owner.is_none() {
             ty = TypeId::ERROR;
         }
+        if section != VarSection::External {
+            self.overlap_is_located(decl, ty);
+        }
         let open = decl
             .location
             .as_ref()
@@ -202,24 +204,50 @@ impl<'p> Checker<'p> {
 
     /// The place of a variable in the process image.
     pub(super) fn located(&mut self, at: &ast::Ident, ty: TypeId) -> Fallible<Location> {
-        let location = parse_location(&at.name, at.span)?;
+        let location = self.address(&at.name, at.span)?;
         if ty == TypeId::ERROR {
             return Ok(location);
         }
-        let bad = |message: String| Err(Box::new(Problem::error("E207", at.span, message)));
         let type_name = self.type_name(ty);
+        if self.is_foreign(location) && self.types.is_aggregate(ty) {
+            let message = format!("{type_name} cannot be located at `{}`", at.name);
+            return Err(Box::new(Problem::error("E207", at.span, message).expected(
+                "an address with no more levels than bus, rack and module",
+            )));
+        }
+        if let Some(refused) = self.no_part_of_the_image(ty) {
+            let message = format!("{type_name} cannot be located{refused}");
+            return Err(Box::new(
+                Problem::error("E207", at.span, message)
+                    .expected("elementary types, and structures and arrays of them")
+                    .hint("locate an ARRAY OF BYTE or CHAR for text"),
+            ));
+        }
         match self.types.kind(ty) {
+            TypeKind::Struct { .. } => {
+                if location.bit.is_some() {
+                    let message = format!("{type_name} cannot be located at `{}`", at.name);
+                    let area = location.area();
+                    return Err(Box::new(
+                        Problem::error("E207", at.span, message)
+                            .expected(format!("an address that begins with %{area}B")),
+                    ));
+                }
+                Ok(location)
+            }
             TypeKind::Array { elem, .. } => {
                 let area = location.area();
-                let wrong = match self.types.elem(*elem).filter(|e| *e != Elem::Ref) {
+                let wrong = match self.types.elem(*elem) {
                     Some(Elem::Bool) if location.bit.is_none() => {
                         format!("an address that begins with %{area}X: its elements are bits")
                     }
                     Some(elem) if elem != Elem::Bool && location.bit.is_some() => {
                         format!("an address that begins with %{area}{}", size_of(elem))
                     }
-                    Some(_) => return Ok(location),
-                    None => "an array of an elementary type".to_owned(),
+                    None if location.bit.is_some() => {
+                        format!("an address that begins with %{area}B")
+                    }
+                    _ => return Ok(location),
                 };
                 let message = format!("{type_name} cannot be located at `{}`", at.name);
                 Err(Box::new(
@@ -227,8 +255,8 @@ impl<'p> Checker<'p> {
                 ))
             }
             _ => {
-                let Some(elem) = self.types.elem(ty).filter(|e| *e != Elem::Ref) else {
-                    return bad(format!("{type_name} cannot be located"));
+                let Some(elem) = self.types.elem(ty) else {
+                    return Ok(location);
                 };
                 let wanted = match location.size {
                     'X' => 1,
@@ -275,95 +303,5 @@ fn bits(n: u32) -> String {
         "1 bit".into()
     } else {
         format!("{n} bits")
-    }
-}
-
-/// Size of the process image, in bytes, that addresses may reach.
-pub const IMAGE_BYTES_MAX: u32 = 64 * 1024;
-
-/// The levels above the bytes of a module, from the lowest: how many there are, and how many bytes each takes.
-const LEVELS: [(&str, u32, u32); 3] = [
-    ("modules in a rack", 16, 256),
-    ("racks on a bus", 4, 16 * 256),
-    ("buses", 4, 4 * 16 * 256),
-];
-
-/// `%IX3.5`, `%QB7`, `%IW2` (bytes 4 and 5), `%ID1` (bytes 4 to 7), `%QL1` (bytes 8 to 15).
-///
-/// More numbers are a hierarchical address (clause 6.5.5.2), bus.rack.module before what has just been shown, the levels on
-/// the left left out as one likes: `%IW2.7` is word 7 of module 2, which has bytes 512 to 767 of the image.
-pub fn parse_location(text: &str, span: Span) -> Fallible<Location> {
-    let bad = |message: String| {
-        Err(Box::new(Problem::error("E208", span, message).expected(
-            "%IX3.5, %IB3, %IW2, %ID1 or %IL0, or the same with Q or M",
-        )))
-    };
-    let upper = text.to_ascii_uppercase();
-    let mut chars = upper.chars();
-    chars.next();
-    let area = chars.next();
-    let memory = area == Some('M');
-    let output = match area {
-        Some('I') => false,
-        Some('Q' | 'M') => true,
-        _ => return bad(format!("`{text}` is no address of an input or output")),
-    };
-    let rest = chars.as_str();
-    if rest.starts_with('*') {
-        return bad(format!("`{text}`: an address must be complete"));
-    }
-    let (size, numbers) = match rest.chars().next() {
-        Some(c @ ('X' | 'B' | 'W' | 'D' | 'L')) => (c, &rest[1..]),
-        Some(c) if c.is_ascii_digit() => ('X', rest),
-        _ => return bad(format!("`{text}`: the size must be X, B, W, D or L")),
-    };
-    let parts: Vec<u32> = numbers
-        .split('.')
-        .map(|n| n.parse().unwrap_or(u32::MAX))
-        .collect();
-    let (unit, bit, above) = match (size, parts.as_slice()) {
-        ('X', [.., bit]) if parts.len() > 1 && *bit >= 8 => {
-            return bad(format!("`{text}`: a byte has bits 0 to 7"));
-        }
-        ('X', [above @ .., byte, bit]) => (*byte, Some(*bit as u8), above),
-        // `%IX7` without a bit: the bits are counted through.
-        ('X', [number]) => (*number / 8, Some((*number % 8) as u8), &[][..]),
-        (_, [above @ .., unit]) => (*unit, None, above),
-        _ => return bad(format!("`{text}` has no number")),
-    };
-    let width = match size {
-        'W' => 2,
-        'D' => 4,
-        'L' => 8,
-        _ => 1,
-    };
-    if above.len() > LEVELS.len() {
-        return bad(format!(
-            "`{text}` has too many levels: there are bus, rack, module and what the module has"
-        ));
-    }
-    if !above.is_empty() && u64::from(unit) * u64::from(width) + u64::from(width) > 256 {
-        return bad(format!("`{text}`: a module has 256 bytes"));
-    }
-    let mut start = 0;
-    for (number, (level, count, bytes)) in above.iter().rev().zip(LEVELS) {
-        if *number >= count {
-            return bad(format!(
-                "`{text}`: there are {count} {level}, counted from 0"
-            ));
-        }
-        start += number * bytes;
-    }
-    match unit.checked_mul(width) {
-        Some(byte) if byte + width <= IMAGE_BYTES_MAX => Ok(Location {
-            output,
-            memory,
-            byte: start + byte,
-            bit,
-            size,
-        }),
-        _ => bad(format!(
-            "`{text}` lies outside the process image of {IMAGE_BYTES_MAX} bytes"
-        )),
     }
 }

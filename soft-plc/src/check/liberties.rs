@@ -130,25 +130,10 @@ impl Checker<'_> {
         if !self.is_liberal() || from == to {
             return None;
         }
-        let bits = |e: Elem| e.is_bit() && e != Elem::Bool;
-        let number = |e: Elem| e.is_num() || bits(e);
+        let number = |e: Elem| e.is_num() || (e.is_bit() && e != Elem::Bool);
         match (from, to) {
-            // The number, where the standard transfers the bits.
-            (from, to) if bits(from) && to.is_real() => {
-                let whole = self.convert(expr, unsigned(from.bits())?, span);
-                Some(self.convert(whole, to, span))
-            }
-            (from, to) if from.is_real() && bits(to) => {
-                let whole = self.convert(expr, Elem::Lint, span);
-                Some(self.convert(whole, to, span))
-            }
-            (Elem::Bool, to) if to.is_real() => {
-                let whole = self.convert(expr, Elem::Usint, span);
-                Some(self.convert(whole, to, span))
-            }
-            (from, Elem::Bool) if from.is_real() => {
-                let zero = constant(Value::from_i128(from, 0), TypeId::of(from), span);
-                Some(self.finish_binary(BinOp::Ne, from, expr, zero, span))
+            (from, to) if (from.is_bit() && to.is_real()) || (from.is_real() && to.is_bit()) => {
+                self.bits_as_number(expr, from, to, span)
             }
             (Elem::Date | Elem::Dt | Elem::Tod, to) if number(to) => {
                 let ns = self.convert(expr, Elem::Lint, span);
@@ -168,6 +153,27 @@ impl Checker<'_> {
             }
             _ => None,
         }
+    }
+
+    /// A bit string as an unsigned number, where a real is converted to or from it.
+    pub(super) fn bits_as_number(
+        &mut self,
+        expr: Expr,
+        from: Elem,
+        to: Elem,
+        span: Span,
+    ) -> Option<Expr> {
+        let whole = match (from, to) {
+            (Elem::Bool, _) => Elem::Usint,
+            (from, Elem::Bool) => {
+                let zero = constant(Value::from_i128(from, 0), TypeId::of(from), span);
+                return Some(self.finish_binary(BinOp::Ne, from, expr, zero, span));
+            }
+            (from, _) if from.is_bit() => unsigned(from.bits())?,
+            _ => Elem::Lint,
+        };
+        let number = self.convert(expr, whole, span);
+        Some(self.convert(number, to, span))
     }
 
     /// A bit string where a whole number is expected: an index, a number of places.

@@ -8,6 +8,7 @@ use crate::check::tree::{
 };
 use crate::check::visit::{Node, visit, visit_writes};
 use crate::diag::{Diagnostic, Problem, finish_all};
+use crate::image;
 use crate::source::Span;
 use crate::syntax::ast::{BinOp, PouKind, VarSection};
 use crate::types::{Elem, TypeKind};
@@ -323,40 +324,54 @@ fn bits(
     place: &Place,
 ) -> (u64, u64) {
     let first = u64::from(location.byte) * 8 + u64::from(location.bit.unwrap_or(0));
-    if let Some(id) = var
-        && let TypeKind::Array { dims, elem } = project.types.kind(project.var(id).ty)
-        && let Some(elem) = project.types.elem(*elem)
-    {
-        let width = u64::from(elem.bits());
-        let (mut from, mut to) = (0, 0);
-        let indices = match place.steps.first().map(|s| &s.kind) {
-            Some(StepKind::Index(indices)) => indices.as_slice(),
-            _ => &[],
-        };
-        for (at, (low, high)) in dims.iter().enumerate() {
-            let len = (high - low + 1).unsigned_abs();
-            let known = match indices.get(at).map(|i| &i.kind) {
-                Some(ExprKind::Const(value)) => value.as_i128(),
-                _ => None,
-            };
-            let known = known.map(|v| (v - i128::from(*low)).unsigned_abs() as u64);
-            let (least, most) = known.map_or((0, len - 1), |v| (v, v));
-            (from, to) = (from * len + least, to * len + most);
+    if let Some(id) = var {
+        let types = &project.types;
+        let (mut from, mut spread, mut ty) = (first, 0, project.var(id).ty);
+        for step in &place.steps {
+            match (&step.kind, types.kind(ty)) {
+                (StepKind::Field(index, owner), _) => {
+                    from += image::field_bit(types, *owner, *index);
+                }
+                (StepKind::Index(indices), TypeKind::Array { dims, elem }) => {
+                    let stride = image::stride_bits(types, *elem);
+                    let (least, most) = elements(indices, dims);
+                    from += least * stride;
+                    spread += (most - least) * stride;
+                }
+                _ => break,
+            }
+            ty = step.ty;
         }
-        return (first + from * width, first + (to + 1) * width - 1);
+        if let Some((bits, _)) = image::extent(types, ty) {
+            return (from, from + spread + bits - 1);
+        }
     }
     if location.bit.is_some() {
         return (first, first);
     }
-    let elem = var.and_then(|v| project.types.elem(project.var(v).ty));
-    let width = match (elem, location.size) {
-        (Some(elem), _) => u64::from(elem.bits()),
-        (None, 'W') => 16,
-        (None, 'D') => 32,
-        (None, 'L') => 64,
+    let width = match location.size {
+        'W' => 16,
+        'D' => 32,
+        'L' => 64,
         _ => 8,
     };
     (first, first + width - 1)
+}
+
+/// Numbers of the first and the last element of an array that the indices may mean.
+fn elements(indices: &[Expr], dims: &[(i64, i64)]) -> (u64, u64) {
+    let (mut from, mut to) = (0, 0);
+    for (index, (low, high)) in indices.iter().zip(dims) {
+        let len = (high - low + 1).unsigned_abs();
+        let known = match &index.kind {
+            ExprKind::Const(value) => value.as_i128(),
+            _ => None,
+        };
+        let known = known.map(|v| (v - i128::from(*low)).unsigned_abs() as u64);
+        let (least, most) = known.map_or((0, len - 1), |v| (v, v));
+        (from, to) = (from * len + least, to * len + most);
+    }
+    (from, to)
 }
 
 /// The value of a condition that cannot change.

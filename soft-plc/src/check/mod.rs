@@ -1,5 +1,6 @@
 //! From the syntax tree to the typed tree: names looked up, types found, constants worked out, rules enforced.
 
+mod address;
 mod calls;
 mod class;
 mod conditions;
@@ -28,12 +29,13 @@ pub mod visit;
 use std::collections::BTreeMap;
 
 use crate::diag::{Diagnostic, Fallible, Problem, Severity, finish_all};
+use crate::source::Span;
 use crate::syntax::ast::Project;
 use crate::types::{InterfaceId, TypeId, TypeTable};
 use tree::{Pou, PouId, TypedProject, Var, VarId};
 
+pub use address::{IMAGE_BYTES_MAX, parse_location};
 pub use conditions::{check_expression, evaluate};
-pub use declare::{IMAGE_BYTES_MAX, parse_location};
 
 /// What is allowed beyond the standard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -105,6 +107,8 @@ struct Checker<'p> {
     interfaces: Vec<tree::Interface>,
     /// The syntax of each POU.
     syntaxes: Vec<&'p crate::syntax::ast::Pou>,
+    /// Addresses with levels of their own: the bytes where they lie.
+    foreign_addresses: BTreeMap<String, u32>,
     /// What VAR_CONFIG places inside instances.
     placed: Vec<configured::Placed>,
     open_arrays: open_arrays::OpenArrays,
@@ -124,8 +128,8 @@ struct Scope {
     loops: u32,
     /// A wire gets its first value: its type is not known yet.
     defining: bool,
-    /// A located array may stand for all of its elements: one side of an assignment.
-    all_elements: bool,
+    /// One side of an assignment, where a located array or structure may stand for all of its parts.
+    assigned: Option<Span>,
 }
 
 /// Names are compared without regard to case.
@@ -155,6 +159,7 @@ impl<'p> Checker<'p> {
             interface_types: Vec::new(),
             interfaces: Vec::new(),
             syntaxes: Vec::new(),
+            foreign_addresses: BTreeMap::new(),
             placed: Vec::new(),
             open_arrays: open_arrays::OpenArrays::default(),
             scopes: Vec::new(),

@@ -1,6 +1,5 @@
 //! Places: variables and parts of them, with the rules of who may read and write what.
 
-use crate::check::declare::parse_location;
 use crate::check::tree::{ExprKind, Place, PouId, Root, Step, StepKind, VarId};
 use crate::check::types::closest;
 use crate::check::{Checker, Declared, key};
@@ -76,7 +75,7 @@ impl Checker<'_> {
                         span: expr.span,
                     });
                 }
-                let result = parse_location(text, expr.span);
+                let result = self.address(text, expr.span);
                 let location = self.ok(result)?;
                 let elem = match location.size {
                     'X' => Elem::Bool,

@@ -21,7 +21,7 @@ impl<'p> Checker<'p> {
             space: pou.map_or_else(String::new, |p| self.pou(p).name.clone()),
             loops: 0,
             defining: false,
-            all_elements: false,
+            assigned: None,
         };
     }
 

@@ -576,6 +576,27 @@ impl Checker<'_> {
         }
         let allowed = convertible(source, target)
             && (!self.types.is_enum(to) || source.is_int() || self.types.same(inner.ty, to));
+        let bits_and_real =
+            (source.is_bit() && target.is_real()) || (source.is_real() && target.is_bit());
+        if !allowed && bits_and_real {
+            self.report(
+                Problem::warning(
+                    "W711",
+                    span,
+                    format!("the standard has no conversion from {source} to {target}"),
+                )
+                .hint("what is converted is the number; between DWORD and REAL, and LWORD and LREAL, the standard transfers the bits"),
+            );
+            let seen = Expr {
+                ty: TypeId::of(source),
+                ..inner
+            };
+            let converted = self.bits_as_number(seen, source, target, span)?;
+            return Some(Expr {
+                ty: to,
+                ..converted
+            });
+        }
         if !allowed {
             let problem = Problem::error(
                 "E307",
@@ -585,8 +606,6 @@ impl Checker<'_> {
             let problem = match (source, target) {
                 (Elem::Time, _) => problem.hint("TIME_TO_LINT(t) gives nanoseconds, TIME_TO_DINT(t) milliseconds"),
                 (_, Elem::Time) => problem.hint("LINT_TO_TIME(n) takes nanoseconds, DINT_TO_TIME(n) milliseconds; or multiply: T#1ms * n"),
-                (Elem::Lreal | Elem::Real, _) => problem.hint("REAL_TO_DWORD and LREAL_TO_LWORD transfer the bits; convert to an integer first to transfer the number"),
-                (_, Elem::Lreal | Elem::Real) => problem.hint("DWORD_TO_REAL and LWORD_TO_LREAL transfer the bits; convert to an integer first to transfer the number"),
                 _ => problem,
             };
             self.report(problem);

@@ -210,19 +210,16 @@ impl Checker<'_> {
             .as_ref()
             .map(|p| p.ty)
             .filter(|t| *t != TypeId::INFERRED);
-        self.current.all_elements = matches!(
-            value.kind,
-            ast::ExprKind::Name(_) | ast::ExprKind::Field(..)
-        );
+        self.current.assigned = Some(value.span);
         let typed = self.expr(value, expected);
-        self.current.all_elements = false;
+        self.current.assigned = None;
         let mut place = place?;
         if place.ty == TypeId::INFERRED {
             place.ty = self.infer(&place, &typed)?;
         }
-        self.current.all_elements = true;
+        self.current.assigned = Some(place.span);
         let writable = self.writable(&place);
-        self.current.all_elements = false;
+        self.current.assigned = None;
         if !writable {
             return None;
         }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use crate::check::CheckOptions;
 use crate::check::stdfun::StdFun;
 use crate::diag::Diagnostic;
+use crate::image;
 use crate::source::{Sources, Span};
 use crate::syntax::ast::{Access, BinOp, PouKind, Project, UnOp, VarSection};
 use crate::types::{Elem, InterfaceId, TypeId, TypeKind, TypeTable};
@@ -220,16 +221,10 @@ pub struct Var {
 }
 
 impl Var {
-    /// For a located array whose elements lie closer in the image than in memory, bits side by side and two bytes for
-    /// 16 bits: what they are. Such an array has no address that a POU could be given; its elements are reached one by one.
-    pub fn image_elem(&self, types: &TypeTable) -> Option<Elem> {
-        self.location?;
-        let TypeKind::Array { elem, .. } = types.kind(self.ty) else {
-            return None;
-        };
-        types
-            .elem(*elem)
-            .filter(|e| *e == Elem::Bool || e.bits() == 16)
+    /// Whether it is a located array or structure whose parts lie closer in the image than in memory, bits side by side and two
+    /// bytes for 16 bits. Such a variable has no address that a POU could be given; its scalars are reached one by one.
+    pub fn is_closer(&self, types: &TypeTable) -> bool {
+        self.location.is_some() && image::is_closer(types, self.ty)
     }
 }
 

@@ -4,6 +4,7 @@ use crate::check::init::Pending;
 use crate::check::tree::ExprKind;
 use crate::check::{Checker, Declared, Progress, key};
 use crate::diag::Problem;
+use crate::image;
 use crate::source::Span;
 use crate::syntax::ast::{self, TypeSpec, TypeSpecKind};
 use crate::types::{Elem, Field, STRING_LEN_DEFAULT, STRING_LEN_MAX, TypeId, TypeKind};
@@ -143,7 +144,7 @@ impl<'p> Checker<'p> {
             TypeSpecKind::Enum { base, values } => {
                 self.resolve_enum(base.as_ref(), values, new_name)
             }
-            TypeSpecKind::Struct { fields } => {
+            TypeSpecKind::Struct { overlap, fields } => {
                 let mut list: Vec<Field> = Vec::new();
                 let mut inits = Vec::new();
                 for decl in fields {
@@ -156,15 +157,17 @@ impl<'p> Checker<'p> {
                         continue;
                     }
                     let ty = self.resolve_spec(&decl.spec, None);
-                    if let Some(at) = &decl.location {
-                        self.report(Problem::error("E206", at.span, "a field cannot be located"));
-                    }
+                    let at = decl.location.as_ref().and_then(|at| {
+                        let relative = self.relative(at, ty);
+                        self.ok(relative)
+                    });
                     if let Some(init) = &decl.init {
                         inits.push((list.len(), init));
                     }
                     list.push(Field {
                         name: decl.name.name.clone(),
                         ty,
+                        at,
                         init: None,
                     });
                 }
@@ -179,6 +182,16 @@ impl<'p> Checker<'p> {
                 };
                 for (field, init) in inits {
                     self.pending_inits.push((Pending::Field(id, field), init));
+                }
+                if let Some((one, other)) = image::overlap(&self.types, id).filter(|_| !overlap) {
+                    let message = format!(
+                        "`{}` lies over `{}`",
+                        fields[other].name.name, fields[one].name.name
+                    );
+                    self.report(
+                        Problem::error("E206", fields[other].name.span, message)
+                            .hint("say STRUCT OVERLAP if they are to share their place"),
+                    );
                 }
                 id
             }

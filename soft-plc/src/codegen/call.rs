@@ -227,14 +227,13 @@ impl Fun<'_, '_> {
     /// Whether the scalar lies in an ordinary cell.
     fn is_ordinary(&self, place: &Place) -> bool {
         let project = self.m.project;
+        if let Root::Var(id) = place.root
+            && project.var(id).is_closer(&project.types)
+        {
+            return false;
+        }
         match place.steps.last().map(|s| &s.kind) {
-            Some(StepKind::Index(_)) => {
-                let closer = match place.root {
-                    Root::Var(id) => project.var(id).image_elem(&project.types),
-                    _ => None,
-                };
-                closer.is_none() && !self.elem(place.ty).is_packed_in_arrays()
-            }
+            Some(StepKind::Index(_)) => !self.elem(place.ty).is_packed_in_arrays(),
             Some(StepKind::Char(_)) => false,
             Some(_) => true,
             None => match place.root {

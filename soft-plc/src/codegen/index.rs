@@ -15,10 +15,10 @@ impl Fun<'_, '_> {
         &mut self,
         indices: &[Expr],
         dims: &[(i64, i64)],
-        first: u8,
+        first: u64,
         addr: &mut Addr,
     ) -> bool {
-        let mut known = u32::from(first);
+        let mut known = first as u32;
         let mut pushed = false;
         let mut weight = 1u32;
         for (index, bounds) in indices.iter().zip(dims).rev() {

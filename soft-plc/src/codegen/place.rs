@@ -6,6 +6,7 @@ use super::SiteKind;
 use super::fun::{Fun, Slot, mem};
 use super::hold::whole_var;
 use crate::check::tree::{ExprKind, Place, Root, StepKind, VarId};
+use crate::image;
 use crate::syntax::ast::PouKind;
 use crate::types::{Elem, TypeKind};
 
@@ -146,8 +147,8 @@ impl Fun<'_, '_> {
         };
         let mut ty = place.ty;
         let mut address_is_value = false;
-        // A located array whose elements lie closer than in memory, and the bit that it begins with.
-        let mut closer = None;
+        // In what lies closer in the process image than in memory: the bits before the part that is meant.
+        let mut in_image: Option<u64> = None;
         match place.root {
             Root::This => {
                 // A program has one instance, at a fixed place: its actions need no address.
@@ -204,8 +205,9 @@ impl Fun<'_, '_> {
                             addr.form = location.bit.map_or(Form::Image, Form::ImageBit);
                             if project.types.is_aggregate(var.ty) {
                                 addr.form = Form::Cell;
-                                let first = location.bit.unwrap_or(0);
-                                closer = var.image_elem(&project.types).map(|e| (e, first));
+                                in_image = var
+                                    .is_closer(&project.types)
+                                    .then(|| location.bit.unwrap_or(0).into());
                             }
                         }
                     }
@@ -214,6 +216,10 @@ impl Fun<'_, '_> {
         }
         for step in &place.steps {
             match &step.kind {
+                StepKind::Field(index, owner) if in_image.is_some() => {
+                    let bit = image::field_bit(&project.types, *owner, *index);
+                    in_image = in_image.map(|first| first + bit);
+                }
                 StepKind::Field(index, owner) => {
                     addr.offset += self.m.plan.sizes.field(project, *owner, *index) as u32;
                     addr.form = Form::Cell;
@@ -226,14 +232,19 @@ impl Fun<'_, '_> {
                     let TypeKind::Array { dims, elem } = project.types.kind(ty).clone() else {
                         continue;
                     };
-                    let closer = closer.take();
-                    if let Some((Elem::Bool, first)) = closer {
-                        dynamic = self.bit_of_image(indices, &dims, first, &mut addr);
+                    if let (Some(first), Some(Elem::Bool)) = (in_image, project.types.elem(elem)) {
+                        in_image = None;
+                        addr.offset += (first / 8) as u32;
+                        let pushed = self.bit_of_image(indices, &dims, first % 8, &mut addr);
+                        if pushed && dynamic {
+                            self.i(I::I32Add);
+                        }
+                        dynamic |= pushed;
                         ty = step.ty;
                         continue;
                     }
-                    let stride = match closer {
-                        Some((elem, _)) => elem.image_bytes(),
+                    let stride = match in_image {
+                        Some(_) => (image::stride_bits(&project.types, elem) / 8) as u32,
                         None => self.m.plan.sizes.stride(project, elem) as u32,
                     };
                     let mut weights = vec![stride; dims.len()];
@@ -263,11 +274,7 @@ impl Fun<'_, '_> {
                         .types
                         .elem(elem)
                         .is_some_and(Elem::is_packed_in_arrays);
-                    addr.form = match (closer, packed) {
-                        (Some(_), _) => Form::Image,
-                        (None, true) => Form::Packed,
-                        (None, false) => Form::Cell,
-                    };
+                    addr.form = if packed { Form::Packed } else { Form::Cell };
                 }
                 StepKind::Bit(_) | StepKind::Part(..) => continue,
                 StepKind::Deref => {
@@ -322,6 +329,13 @@ impl Fun<'_, '_> {
                 }
             }
             ty = step.ty;
+        }
+        if let Some(first) = in_image {
+            addr.offset += (first / 8) as u32;
+            addr.form = match project.types.elem(ty) {
+                Some(Elem::Bool) => Form::ImageBit((first % 8) as u8),
+                _ => Form::Image,
+            };
         }
         (dynamic, addr)
     }

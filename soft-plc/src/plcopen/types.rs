@@ -110,7 +110,11 @@ impl Reader<'_> {
                 for variable in elements(node, "variable") {
                     fields.extend(self.variable(variable));
                 }
-                TypeSpecKind::Struct { fields }
+                TypeSpecKind::Struct {
+                    // The format has no word for it: whose fields have addresses that overlap says so by them.
+                    overlap: true,
+                    fields,
+                }
             }
             "pointer" => TypeSpecKind::Ref(Box::new(self.type_spec(element(node, "baseType")?)?)),
             // Elementary types are elements of their own: <INT />.

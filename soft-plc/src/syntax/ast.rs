@@ -90,6 +90,8 @@ pub enum TypeSpecKind {
         values: Vec<(Ident, Option<Expr>)>,
     },
     Struct {
+        /// `STRUCT OVERLAP`: fields may share their place.
+        overlap: bool,
         fields: Vec<VarDecl>,
     },
     /// `REF_TO INT`, `POINTER TO INT`

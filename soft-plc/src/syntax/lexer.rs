@@ -156,7 +156,7 @@ pub fn lex(source: u32, text: &str, base: usize, problems: &mut Vec<Problem>) ->
         let range = lexer.span();
         let span = Span::new(source, base + range.start, base + range.end);
         match result {
-            Ok(Tok::Comment(true)) if lexer.slice().starts_with(FOREIGN.0) => {
+            Ok(Tok::Comment(true)) if lexer.slice().starts_with("{{") => {
                 let opener = Span::new(source, base + range.start, base + range.start + 2);
                 problems.push(
                     Problem::error("E104", opener, "code of another language cannot be run")
@@ -250,9 +250,6 @@ fn unknown(slice: &str, span: Span) -> Problem {
     }
 }
 
-/// What some tools put around C code in Structured Text.
-const FOREIGN: (&str, &str) = ("{{", "}}");
-
 fn comment_paren(lexer: &mut Lexer<'_, Tok>) -> bool {
     nested(lexer, b"(*", b"*)")
 }
@@ -293,21 +290,29 @@ fn comment_line(lexer: &mut Lexer<'_, Tok>) -> bool {
 
 fn pragma(lexer: &mut Lexer<'_, Tok>) -> bool {
     let rest = lexer.remainder();
-    let close = if rest.starts_with('{') {
-        FOREIGN.1
+    let end = if rest.starts_with('{') {
+        behind_foreign(rest)
     } else {
-        "}"
+        rest.find('}').map(|at| at + 1)
     };
-    match rest.find(close) {
-        Some(end) => {
-            lexer.bump(end + close.len());
-            true
+    lexer.bump(end.unwrap_or(rest.len()));
+    end.is_some()
+}
+
+/// Where code of another language ends, seen from behind its first brace: where its braces are closed, or else at `}}`.
+fn behind_foreign(rest: &str) -> Option<usize> {
+    let mut open = 1;
+    for (at, byte) in rest.bytes().enumerate() {
+        match byte {
+            b'{' => open += 1,
+            b'}' => open -= 1,
+            _ => {}
         }
-        None => {
-            lexer.bump(rest.len());
-            false
+        if open == 0 {
+            return Some(at + 1);
         }
     }
+    rest.find("}}").map(|at| at + 2)
 }
 
 impl Tok {

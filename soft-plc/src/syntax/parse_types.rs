@@ -53,6 +53,9 @@ impl Parser<'_> {
             }
             Tok::Kw(Kw::Struct) => {
                 self.advance();
+                // A field may have the name too.
+                let is_field = matches!(self.peek_at(1), Tok::Colon | Tok::Comma | Tok::Kw(Kw::At));
+                let overlap = !is_field && self.eat_word("OVERLAP");
                 let mut fields = Vec::new();
                 while !self.eat_kw(Kw::EndStruct) {
                     if self.var_decl(&mut fields).is_err() {
@@ -62,7 +65,7 @@ impl Parser<'_> {
                         }
                     }
                 }
-                TypeSpecKind::Struct { fields }
+                TypeSpecKind::Struct { overlap, fields }
             }
             Tok::LParen => self.enumeration(None)?,
             Tok::Ident => {

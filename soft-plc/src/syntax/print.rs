@@ -214,10 +214,11 @@ impl Printer<'_> {
                     None => values,
                 }
             }
-            TypeSpecKind::Struct { fields } => {
+            TypeSpecKind::Struct { overlap, fields } => {
+                let overlap = if *overlap { "OVERLAP " } else { "" };
                 let fields: Vec<String> =
                     fields.iter().map(|f| self.declaration(f, false)).collect();
-                format!("STRUCT {} END_STRUCT", fields.join(" "))
+                format!("STRUCT {overlap}{} END_STRUCT", fields.join(" "))
             }
             TypeSpecKind::Ref(to) => format!("REF_TO {}", self.type_spec(to)),
             TypeSpecKind::Inferred => "BOOL".to_owned(),

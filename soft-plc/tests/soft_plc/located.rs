@@ -1,5 +1,6 @@
 //! Located arrays and hierarchical addresses as the host sees them: inputs that it sets, outputs that it reads, their layout.
 
+use fam_soft_plc::Value;
 use fam_soft_plc::check::lint::lint;
 use fam_soft_plc::layout::Area;
 
@@ -47,6 +48,71 @@ fn elements_lie_in_the_image_as_single_variables_would() {
     assert_eq!(outputs[256..258], [0b0100_0000, 0b0000_0010]);
 }
 
+const RECORDS: &str = "
+TYPE
+    Drive : STRUCT speed : INT; running, fault : BOOL; torque : REAL; END_STRUCT;
+    Frame : STRUCT drives : ARRAY[1..2] OF Drive; lamps : ARRAY[0..10] OF BOOL; END_STRUCT;
+END_TYPE
+PROGRAM P
+VAR
+    seen AT %IB8 : Frame;
+    wanted AT %QB8 : Frame := (drives := [1((speed := 5)), (torque := 2.0, fault := TRUE)]);
+END_VAR
+wanted.drives[1] := seen.drives[2];
+wanted.lamps := seen.lamps;
+END_PROGRAM
+";
+
+#[test]
+fn fields_lie_in_the_image_as_single_variables_would() {
+    let mut machine = Machine::new(RECORDS);
+    let layout = machine.instance.layout().clone();
+    let found = |path: &str| {
+        let info = layout.find(path).expect("a variable");
+        (info.area, info.offset, info.bit, info.len)
+    };
+    assert_eq!(found("P.seen"), (Area::Inputs, 8, None, 20));
+    assert_eq!(found("P.seen.drives"), (Area::Inputs, 8, None, 16));
+    assert_eq!(found("P.seen.drives[2].speed"), (Area::Inputs, 16, None, 2));
+    assert_eq!(
+        found("P.seen.drives[2].fault"),
+        (Area::Inputs, 18, Some(1), 1)
+    );
+    assert_eq!(
+        found("P.seen.drives[2].torque"),
+        (Area::Inputs, 20, None, 4)
+    );
+    assert_eq!(found("P.seen.lamps[9]"), (Area::Inputs, 25, Some(1), 1));
+    let leaves = layout.leaves(&layout.find("P.seen").expect("a variable"));
+    assert_eq!(leaves.len(), 2 * 4 + 11);
+    assert_eq!(leaves[18].offset, 25);
+    assert_eq!(leaves[18].bit, Some(2));
+    assert_eq!(layout.initial_outputs[8..10], [5, 0]);
+    assert_eq!(layout.initial_outputs[16..24], [0, 0, 2, 0, 0, 0, 0, 0x40]);
+
+    let inputs = machine.instance.inputs_mut();
+    inputs[16..24].copy_from_slice(&[0xFE, 0xFF, 0b01, 0, 0, 0, 0x80, 0x3F]);
+    inputs[24..26].copy_from_slice(&[0b1000_0001, 0b0000_0100]);
+    machine.scan();
+    let outputs = machine.instance.outputs();
+    assert_eq!(outputs[8..16], [0xFE, 0xFF, 0b01, 0, 0, 0, 0x80, 0x3F]);
+    assert_eq!(outputs[24..26], [0b1000_0001, 0b0000_0100]);
+}
+
+#[test]
+fn addresses_of_other_plcs_lie_at_the_end_of_the_image() {
+    let mut machine = Machine::new(
+        "PROGRAM P VAR node AT %QW0.0.2.8193.0 : INT; x : BOOL; END_VAR
+node := 7; %QX0.0.2.8193.9 := TRUE; x := %qx0.0.2.8193.9; END_PROGRAM",
+    );
+    machine.scan();
+    assert_eq!(
+        machine.instance.outputs()[65_520..],
+        [1, 0, 0, 0, 0, 0, 0, 0, 7, 0, 0, 0, 0, 0, 0, 0]
+    );
+    assert_eq!(machine.instance.read("P.x"), Some(Value::Bool(true)));
+}
+
 fn warnings(outputs: &str, body: &str) -> usize {
     let text = format!("PROGRAM P VAR i : INT; {outputs} END_VAR {body} END_PROGRAM");
     let all = lint(&typed(&text));
@@ -62,6 +128,11 @@ fn outputs_that_overlap_are_found_whichever_way_they_are_written() {
     let bits = "a AT %QX8.6 : ARRAY[0..3] OF BOOL; b AT %QX9.1 : BOOL; c AT %QX9.2 : BOOL;";
     assert_eq!(warnings(bits, "a[i] := TRUE; c := TRUE;"), 0);
     assert_eq!(warnings(bits, "a[i] := TRUE; b := TRUE;"), 1);
+    let records = "a AT %QB20 : ARRAY[0..3] OF STRUCT n : INT; b : BOOL; END_STRUCT; c AT %QW13 : INT; d AT %QX26.1 : BOOL;";
+    assert_eq!(warnings(records, "a[1].b := TRUE; c := 1;"), 1);
+    assert_eq!(warnings(records, "a[1].b := TRUE; d := TRUE;"), 0);
+    assert_eq!(warnings(records, "a[1].n := 1; c := 1;"), 0);
+    assert_eq!(warnings(records, "a[i].n := 1; c := 1;"), 1);
     let levels = "a AT %QW1.2 : INT; b AT %QB261 : BYTE;";
     assert_eq!(warnings(levels, "a := 1; b := 2;"), 1);
 }

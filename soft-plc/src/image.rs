@@ -1,0 +1,105 @@
+//! How structures and arrays lie in the process image: each part as a single variable would, one behind the other.
+//!
+//! A BOOL takes a bit, everything else begins at a multiple of its own size, a structure at a byte. A field with a relative
+//! address (IEC 61131-3, clause 6.4.4.6) lies there instead, counted from the start of its structure.
+
+use crate::types::{Elem, TypeId, TypeKind, TypeTable};
+
+const BYTE: u64 = 8;
+
+/// Bits that a value of the type takes in the image, and of what number of bits its address is a multiple. Strings and references
+/// cannot lie there.
+pub(crate) fn extent(types: &TypeTable, ty: TypeId) -> Option<(u64, u64)> {
+    match types.kind(ty) {
+        TypeKind::Array { dims, elem } => {
+            let counts = dims.iter().map(|(l, h)| (h - l + 1) as u64);
+            let count = counts.fold(1, u64::saturating_mul);
+            let (bits, align) = extent(types, *elem)?;
+            Some((count.saturating_mul(bits), align))
+        }
+        TypeKind::Struct { fields } => {
+            let (mut end, mut align) = (0, BYTE);
+            for index in 0..fields.len() {
+                let (from, bits, a) = field(types, ty, index)?;
+                end = end.max(from.saturating_add(bits));
+                align = align.max(a);
+            }
+            Some((end.checked_next_multiple_of(align)?, align))
+        }
+        _ => {
+            let elem = types.elem(ty).filter(|e| *e != Elem::Ref)?;
+            let bits = u64::from(elem.bits());
+            Some((bits, bits))
+        }
+    }
+}
+
+/// First bit of a field, bits that it takes, and what its address is a multiple of.
+pub(crate) fn field(types: &TypeTable, ty: TypeId, index: usize) -> Option<(u64, u64, u64)> {
+    let TypeKind::Struct { fields } = types.kind(ty) else {
+        return None;
+    };
+    let mut end = 0u64;
+    for (i, field) in fields.iter().enumerate() {
+        let (bits, align) = extent(types, field.ty)?;
+        let (from, align) = match field.at {
+            Some(at) => (at, 1),
+            None => (end.checked_next_multiple_of(align)?, align),
+        };
+        if i == index {
+            return Some((from, bits, align));
+        }
+        end = from.saturating_add(bits);
+    }
+    None
+}
+
+/// First bit of a field whose structure is known to fit in the image.
+pub(crate) fn field_bit(types: &TypeTable, ty: TypeId, index: usize) -> u64 {
+    field(types, ty, index).map_or(0, |(from, ..)| from)
+}
+
+/// Bits from one element of an array to the next.
+pub(crate) fn stride_bits(types: &TypeTable, elem: TypeId) -> u64 {
+    extent(types, elem).map_or(0, |(bits, _)| bits)
+}
+
+/// Two fields of the structure that share bits, if there are any.
+pub(crate) fn overlap(types: &TypeTable, ty: TypeId) -> Option<(usize, usize)> {
+    let TypeKind::Struct { fields } = types.kind(ty) else {
+        return None;
+    };
+    let places: Vec<_> = (0..fields.len())
+        .map(|index| field(types, ty, index))
+        .collect::<Option<_>>()?;
+    (1..places.len()).find_map(|later| {
+        let (from, bits, _) = places[later];
+        let shared = |(f, b, _): &(u64, u64, u64)| *f < from + bits && from < f + b;
+        let earlier = places[..later].iter().position(shared)?;
+        Some((earlier, later))
+    })
+}
+
+/// Whether a structure whose fields share bits is part of the type.
+pub(crate) fn has_overlap(types: &TypeTable, ty: TypeId) -> bool {
+    match types.kind(ty) {
+        TypeKind::Array { elem, .. } => has_overlap(types, *elem),
+        TypeKind::Struct { fields } => {
+            overlap(types, ty).is_some() || fields.iter().any(|f| has_overlap(types, f.ty))
+        }
+        _ => false,
+    }
+}
+
+/// Whether a variable of the type lies closer in the image than in memory. Such a one has no address that a POU could be given;
+/// its scalars are reached one by one.
+pub(crate) fn is_closer(types: &TypeTable, ty: TypeId) -> bool {
+    match types.kind(ty) {
+        TypeKind::Array { elem, .. } => match types.elem(*elem) {
+            Some(elem) => elem == Elem::Bool || elem.bits() == 16,
+            None => true,
+        },
+        TypeKind::Struct { .. } => true,
+        _ => false,
+    }
+}
