@@ -20,6 +20,7 @@ use crate::syntax::ast::{
 use crate::syntax::build::{At, block};
 use crate::syntax::print::{self, Words};
 use crate::syntax::sfc::STEP_TYPE;
+use crate::syntax::walk::each_body;
 
 /// Name of the source that holds the type of steps.
 const CHARTS: &str = "charts (generated)";
@@ -291,23 +292,4 @@ fn returns(list: &[Stmt]) -> bool {
         }
         _ => false,
     })
-}
-
-/// Calls `f` with each list of statements in a statement.
-fn each_body(kind: &mut StmtKind, f: &mut dyn FnMut(&mut Vec<Stmt>)) {
-    match kind {
-        StmtKind::If(branches, otherwise) => {
-            branches.iter_mut().for_each(|(_, body)| f(body));
-            f(otherwise);
-        }
-        StmtKind::Case(_, branches, otherwise) => {
-            branches.iter_mut().for_each(|(_, body)| f(body));
-            if let Some(body) = otherwise {
-                f(body);
-            }
-        }
-        StmtKind::For(head) => f(&mut head.body),
-        StmtKind::While(_, body) | StmtKind::Repeat(body, _) | StmtKind::Block(body) => f(body),
-        _ => {}
-    }
 }

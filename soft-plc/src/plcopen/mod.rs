@@ -3,6 +3,7 @@
 //! POUs, types and global variables are taken from wherever they stand, so that exports that keep them in `addData` (CODESYS)
 //! are read too. Nothing is dropped in silence: a body or element that cannot be run is an error that names it.
 
+mod actions;
 mod chart;
 mod network;
 mod types;
@@ -298,37 +299,16 @@ impl Reader<'_> {
             self.chart(chart, pou_node, pou);
             return;
         }
-        // Actions outside of a chart are called by their name.
-        if let Some(actions) = element(pou_node, "actions") {
-            for action in elements(actions, "action") {
-                let (Some(name), Some(inner)) =
-                    (self.name(action, "name"), element(action, "body"))
-                else {
-                    continue;
-                };
-                let mut method = Pou {
-                    kind: PouKind::Method,
-                    name,
-                    result: None,
-                    vars: Vec::new(),
-                    body: Vec::new(),
-                    class: crate::syntax::ast::Class::default(),
-                    place: pou.place,
-                };
-                let mut holder = method.clone();
-                method.body = self.statements_of(inner, &mut holder);
-                // Variables of a diagram are kept with the POU.
-                for block in holder.vars {
-                    if block.section == VarSection::Temp {
-                        method.vars.push(block);
-                    } else {
-                        pou.vars.push(block);
-                    }
-                }
-                pou.class.methods.push(method);
-            }
-        }
+        let fleeting = pou
+            .vars
+            .iter()
+            .filter(|block| matches!(block.section, VarSection::InOut | VarSection::Temp))
+            .flat_map(|block| &block.decls)
+            .map(|decl| decl.name.name.to_ascii_uppercase())
+            .collect();
+        self.actions(pou_node, pou);
         pou.body = self.statements_of(body, pou);
+        actions::put_in_place(pou, &fleeting);
     }
 
     /// The element that names the language of a body.

@@ -15,3 +15,4 @@ pub mod parser;
 pub mod print;
 pub mod sfc;
 mod slips;
+pub(crate) mod walk;

@@ -1,5 +1,6 @@
 //! Tests of the soft-PLC from text to running program. One binary, so that the engine is linked once.
 
+mod actions;
 mod cases;
 mod charts;
 mod checkpoint;
