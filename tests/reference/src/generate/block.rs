@@ -337,6 +337,8 @@ impl World {
             self.section("VAR_INPUT", &inputs, false),
             self.section("VAR", &locals, true),
         ];
+        let located = self.located(&mut scope);
+        inner.push(Piece::block("VAR", located, "END_VAR"));
         let word = if self.random.chance(50) {
             "VAR"
         } else {

@@ -3,6 +3,7 @@
 
 mod block;
 mod expr;
+mod located;
 mod scope;
 mod stmt;
 mod types;
@@ -80,6 +81,8 @@ pub struct World {
     /// How often each feature was generated.
     pub features: BTreeMap<&'static str, u64>,
     names: u32,
+    /// Bytes of the process image that are taken.
+    image_bytes: u32,
 }
 
 /// A project: its text as a tree, the names of its programs, and what it contains.
@@ -102,6 +105,7 @@ pub fn project(seed: u64, programs: usize) -> Generated {
         risky: false,
         features: BTreeMap::new(),
         names: 0,
+        image_bytes: 0,
     };
     let mut parts = Vec::new();
     let types = world.types();

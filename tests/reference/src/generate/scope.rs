@@ -28,6 +28,8 @@ pub struct Scope {
     pub counters: Vec<String>,
     pub counters_used: usize,
     pub loops: u32,
+    /// Arrays and structures in the process image, which are used whole in assignments only.
+    pub located: Vec<(String, super::Ty)>,
     /// Methods of the instance itself, with the words before them.
     pub methods: Vec<(String, super::Callable)>,
     /// How many functions and function blocks may be used (those made before this POU).

@@ -67,6 +67,12 @@ impl World {
     }
 
     fn assignment(&mut self, scope: &mut Scope, out: &mut Vec<Piece>) {
+        if self.random.chance(10)
+            && let Some(copy) = self.copy_of_image(scope)
+        {
+            out.push(copy);
+            return;
+        }
         let target = self.place(scope, 2, |l| l.write && !matches!(l.ty, Ty::Block(_)));
         let Some((text, leaf)) = target else { return };
         self.note(match leaf.ty {

@@ -85,6 +85,7 @@ impl World {
             ));
             self.structs.push(StructDef { name, fields });
         }
+        lines.push(self.image_structure());
         lines
     }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use fam_soft_plc::TrapKind;
 use fam_soft_plc::check::tree::{
-    Argument, FunctionCall, Invocation, Place, PouId, Receiver, StepKind, VarId,
+    Argument, FunctionCall, Invocation, Place, PouId, Receiver, Root, StepKind, VarId,
 };
 use fam_soft_plc::syntax::ast::VarSection;
 use fam_soft_plc::types::TypeId;
@@ -31,7 +31,16 @@ impl Machine<'_> {
             .types
             .elem(place.ty)
             .is_some_and(|e| value::limits(e).1 < 256);
-        let copied = !matches!(spot.part, Part::Whole) || (element && narrow);
+        // So is what lies in the process image, where it is narrower than in memory, or may be.
+        let in_image = match place.root {
+            Root::Var(id) => {
+                let var = self.project.var(id);
+                var.is_closer(&self.project.types)
+                    || (var.location.is_some() && place.steps.is_empty())
+            }
+            _ => false,
+        };
+        let copied = !matches!(spot.part, Part::Whole) || (element && narrow) || in_image;
         if !copied {
             return Ok((spot.node, None));
         }
