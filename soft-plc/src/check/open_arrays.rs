@@ -377,6 +377,7 @@ impl<'p> Checker<'p> {
             return error_expr(span);
         };
         let bound = if upper == "LOWER_BOUND" { low } else { high };
-        constant(Value::Int(bound), TypeId::of(Elem::Dint), span)
+        // ANY_INT: whatever integer its place wants.
+        constant(Value::Int(bound), TypeId::UNTYPED_INT, span)
     }
 }

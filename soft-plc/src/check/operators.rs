@@ -1,5 +1,6 @@
 //! Operators: which apply to which types, in which type they are computed, and their values for constants.
 
+use crate::calendar::DAY_NS;
 use crate::check::Checker;
 use crate::check::expr::{constant, error_expr};
 use crate::check::tree::{Expr, ExprKind};
@@ -163,28 +164,28 @@ impl Checker<'_> {
             | (BinOp::Sub, Elem::Dt, Elem::Dt) => Elem::Time,
             _ => return None,
         };
-        let seen = |e: &Expr| Expr {
-            ty: TypeId::TIME,
-            kind: match &e.kind {
-                ExprKind::Const(v) => {
-                    ExprKind::Const(Value::from_i128(Elem::Time, v.as_i128().unwrap_or(0)))
-                }
-                kind => kind.clone(),
-            },
-            span: e.span,
-        };
+        let seen = |e: &Expr| seen_as(e.clone(), Elem::Time);
         let sum = self.finish_binary(op, Elem::Time, seen(left), seen(right), span);
         if sum.ty == TypeId::ERROR {
             return Some(sum);
         }
-        let ty = TypeId::of(result);
-        let kind = match sum.kind {
-            ExprKind::Const(v) => {
-                ExprKind::Const(Value::from_i128(result, v.as_i128().unwrap_or(0)))
-            }
-            kind => kind,
+        let sum = if result == Elem::Tod {
+            self.within_a_day(sum)
+        } else {
+            sum
         };
-        Some(Expr { kind, ty, span })
+        Some(seen_as(sum, result))
+    }
+
+    /// A time of day goes on at midnight.
+    fn within_a_day(&mut self, time: Expr) -> Expr {
+        let span = time.span;
+        let day = constant(Value::Int(DAY_NS), TypeId::of(Elem::Lint), span);
+        let mut number = seen_as(time, Elem::Lint);
+        for op in [BinOp::Mod, BinOp::Add, BinOp::Mod] {
+            number = self.finish_binary(op, Elem::Lint, number, day.clone(), span);
+        }
+        number
     }
 
     fn compare_enums(&mut self, op: BinOp, left: Expr, right: Expr, span: Span) -> Expr {
@@ -369,4 +370,14 @@ fn literal_with(literal: &Expr, other: Elem) -> Option<Elem> {
         .into_iter()
         .filter(|e| value.fits(*e))
         .find_map(|e| other.common(e))
+}
+
+/// The same 64 bits as a value of another type.
+fn seen_as(expr: Expr, elem: Elem) -> Expr {
+    let kind = match expr.kind {
+        ExprKind::Const(v) => ExprKind::Const(Value::from_i128(elem, v.as_i128().unwrap_or(0))),
+        kind => kind,
+    };
+    let ty = TypeId::of(elem);
+    Expr { kind, ty, ..expr }
 }

@@ -42,6 +42,30 @@ fn problems(text: &str) -> String {
     }
 }
 
+/// The standard's own example counts INTs from LOWER_BOUND to UPPER_BOUND (clause 6.6.1.2, MATRIX_MUL).
+#[test]
+fn bounds_are_whatever_integer_their_place_wants() {
+    let text = "
+FUNCTION Sum : INT
+VAR_INPUT a : ARRAY[*, *] OF INT; END_VAR
+VAR i, j : INT; k : USINT; END_VAR
+FOR i := LOWER_BOUND(a, 1) TO UPPER_BOUND(a, 1) DO
+    FOR j := LOWER_BOUND(a, 2) TO UPPER_BOUND(a, 2) DO Sum := Sum + a[i, j]; END_FOR;
+END_FOR;
+k := UPPER_BOUND(a, 1);
+Sum := Sum + USINT_TO_INT(k) * 100;
+END_FUNCTION
+PROGRAM P
+VAR m : ARRAY[1..2, 0..2] OF INT := [1, 2, 3, 4, 5, 6]; r : INT; w : DINT; END_VAR
+r := Sum(m);
+w := UPPER_BOUND(m, 2) + r;
+END_PROGRAM";
+    let mut machine = Machine::new(text);
+    machine.scan();
+    assert_eq!(machine.text("r"), "221");
+    assert_eq!(machine.text("w"), "223");
+}
+
 #[test]
 fn one_function_takes_arrays_of_different_bounds() {
     let mut m = machine(
