@@ -39,6 +39,7 @@ pub mod plcopen;
 pub mod problem;
 pub mod reload;
 pub mod show;
+mod staged;
 mod values;
 
 pub use build::{BuiltCell, BuiltMc, build, build_model};

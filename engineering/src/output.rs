@@ -9,12 +9,13 @@
 //! - `summary.txt`: a table for people.
 
 use crate::build::{BuiltCell, build_for, in_parallel, processors};
-use crate::convert::{Form, convert, write_files};
+use crate::convert::{Form, convert};
 use crate::files::ModelAt;
 use crate::generate::Target;
 use crate::generate::standard::standard;
 use crate::plcopen::{diagnosis_file, project_xml};
 use crate::problem::Problems;
+use crate::staged::Staged;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -40,7 +41,7 @@ pub fn generate<'a>(
     Ok((files, built))
 }
 
-/// Generates into a folder, one file after the other. Returns the paths.
+/// Generates into a folder, which stays as it was if something fails. Returns the paths.
 ///
 /// # Errors
 /// As [`generate`], or a file that cannot be written.
@@ -51,14 +52,13 @@ pub fn write<'a>(
 ) -> Result<(Vec<PathBuf>, BuiltCell), Problems> {
     let model = model.into();
     let plain = convert(model, "cell.toml", &Form::Toml)?;
-    let mut written = write_files(&plain.files, &dir.join("model"))?;
-    drop(plain);
+    let mut staged = Staged::new(dir)?;
+    for (name, text) in plain.files {
+        staged.add(format!("model/{name}"), &text)?;
+    }
     let built = build_for(model, target)?;
-    each_file(&built, target, &mut |name, text| {
-        written.extend(write_files(&BTreeMap::from([(name, text)]), dir)?);
-        Ok(())
-    })?;
-    Ok((written, built))
+    each_file(&built, target, &mut |name, text| staged.add(name, &text))?;
+    Ok((staged.deliver()?, built))
 }
 
 /// The generated files of a cell, without its model.

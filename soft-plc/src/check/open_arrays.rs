@@ -15,7 +15,7 @@ use crate::check::{Checker, key};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{self, Arg, PouKind, TypeSpecKind, VarSection};
-use crate::types::{Elem, InterfaceId, TypeId, TypeKind};
+use crate::types::{InterfaceId, TypeId, TypeKind};
 use crate::value::Value;
 
 /// How many POUs are made of patterns.

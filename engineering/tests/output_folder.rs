@@ -1,0 +1,82 @@
+//! What `fam generate` leaves in its folder: all of its files, or nothing of it.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use common::{changed, two_stations};
+use fam_engineering::generate::Target;
+use fam_engineering::output::write;
+
+/// All files below the folder with their contents, hidden ones too.
+fn tree(dir: &Path) -> BTreeMap<String, String> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![dir.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path
+                    .strip_prefix(dir)
+                    .unwrap()
+                    .to_string_lossy()
+                    .into_owned();
+                files.insert(name, std::fs::read_to_string(&path).unwrap());
+            }
+        }
+    }
+    files
+}
+
+#[test]
+fn a_failure_leaves_the_folder_as_it_was() {
+    let (broken, built) = changed(&[("press.st", "END_PROGRAM", "nowhere := 1; END_PROGRAM")]);
+    assert!(built.is_err());
+    let model = broken.path().join("cell.toml");
+    let out = tempfile::tempdir().unwrap();
+    let fresh = out.path().join("deep/fresh");
+    write(&model, Target::Fam, &fresh)
+        .err()
+        .expect("a mistake in the logic");
+    assert!(!fresh.exists());
+
+    let used = out.path().join("used");
+    write(&two_stations(), Target::Fam, &used).expect("the cell is sound");
+    std::fs::write(used.join("notes.txt"), "mine").unwrap();
+    let before = tree(&used);
+    write(&model, Target::Portable, &used)
+        .err()
+        .expect("a mistake in the logic");
+    assert_eq!(tree(&used), before);
+    assert!(
+        tree(out.path())
+            .keys()
+            .all(|name| name.starts_with("used/"))
+    );
+}
+
+#[test]
+fn what_is_in_the_way_is_named_before_anything_is_written() {
+    let out = tempfile::tempdir().unwrap();
+    let way = out.path().join("agents.toml");
+    std::fs::create_dir(&way).unwrap();
+    let problems = write(&two_stations(), Target::Fam, out.path())
+        .err()
+        .expect("a folder is in the way");
+    assert!(problems.to_string().contains("agents.toml"), "{problems}");
+    assert_eq!(tree(out.path()), BTreeMap::new());
+}
+
+#[test]
+fn a_second_generation_takes_the_place_of_the_first() {
+    let out = tempfile::tempdir().unwrap();
+    let (paths, _) = write(&two_stations(), Target::Fam, out.path()).expect("the cell is sound");
+    let first = tree(out.path());
+    assert_eq!(paths.len(), first.len());
+    std::fs::write(out.path().join("agents.toml"), "changed by hand").unwrap();
+    write(&two_stations(), Target::Fam, out.path()).expect("the cell is sound");
+    assert_eq!(tree(out.path()), first);
+}
