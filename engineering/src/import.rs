@@ -12,6 +12,7 @@ use crate::problem::{Explain, Problems, file_error};
 use fam_soft_plc::check::tree::{PouId, Root, TypedProject, VarId, visit_places};
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
+use fam_soft_plc::image::scalars;
 use fam_soft_plc::project::parse_project;
 use fam_soft_plc::source::SourceFile;
 use fam_soft_plc::syntax::ast::{PouKind, Project};
@@ -240,12 +241,12 @@ fn mc(
     let inner = pous.iter().flat_map(|p| typed.pou(*p).vars.iter().copied());
     for id in globals.iter().copied().chain(inner) {
         let var = typed.var(id);
-        match var.location {
-            Some(location) if location.output => {
-                outputs.push((var.name.clone(), idle_value(typed, var.ty)));
+        for scalar in scalars(typed, var) {
+            if scalar.location.output {
+                outputs.push((scalar.path, idle_value(typed, scalar.ty)));
+            } else {
+                inputs.push(scalar.path);
             }
-            Some(_) => inputs.push(var.name.clone()),
-            None => {}
         }
     }
     // Constants that other declarations are made of are needed without being used in any body.

@@ -8,14 +8,18 @@ use fam_proto::McId;
 use fam_proto::model::{
     FieldPoint, InputPoint, InputSource, ModbusTable, Number, OutputPoint, Place,
 };
-use fam_soft_plc::check::tree::{Location, Root, TypedProject, Var, visit_places};
+use fam_soft_plc::check::tree::{Location, Root, TypedProject, visit_places};
 use fam_soft_plc::diag::Diagnostic;
+use fam_soft_plc::image::{ImageScalar, scalars};
 use fam_soft_plc::types::{Elem, TypeId};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use toml::Spanned;
 
-/// A located variable.
+/// Points that one located array or structure may have.
+const POINTS_MAX: usize = 4096;
+
+/// A located variable of an elementary type, or a scalar of an array or structure: `levels[2]`, `drive.speed`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Located {
     /// Name.
@@ -43,8 +47,8 @@ pub struct Image {
     pub outputs: Vec<(Located, Option<Spanned<FieldPoint>>, Vec<u8>)>,
 }
 
-fn located(typed: &TypedProject, var: &Var, location: Location) -> Option<Located> {
-    let elem = typed.types.elem(var.ty)?;
+fn located(scalar: ImageScalar) -> Located {
+    let location = scalar.location;
     let place = match location.bit {
         Some(bit) => Place::Bit {
             byte: location.byte,
@@ -53,17 +57,22 @@ fn located(typed: &TypedProject, var: &Var, location: Location) -> Option<Locate
         None => Place::Bytes {
             byte: location.byte,
             #[allow(clippy::cast_possible_truncation)] // 1 to 8
-            width: elem.image_bytes() as u8,
+            width: scalar.elem.image_bytes() as u8,
         },
     };
-    Some(Located {
-        name: var.name.clone(),
+    Located {
+        name: scalar.path,
         output: location.output,
         place,
-        ty: var.ty,
-        elem,
+        ty: scalar.ty,
+        elem: scalar.elem,
         address: location.to_string(),
-    })
+    }
+}
+
+/// The variable that a located scalar is, or is a part of.
+fn variable(path: &str) -> &str {
+    path.find(['[', '.']).map_or(path, |at| &path[..at])
 }
 
 /// First bit and the one behind the last.
@@ -84,26 +93,23 @@ fn bits(place: Place) -> (u64, u64) {
 pub fn image(cell: &Cell, mc: &McSpec, logic: &Logic, problems: &mut Vec<Diagnostic>) -> Image {
     let typed = &logic.typed;
     let mut image = Image::default();
-    for var in &typed.vars {
-        let Some(location) = var.location else {
+    for var in typed.vars.iter().filter(|var| var.location.is_some()) {
+        let scalars = scalars(typed, var);
+        if scalars.is_empty() || scalars.len() > POINTS_MAX {
+            let message = format!(
+                "MC {}: the located variable `{}` is {}",
+                mc.mc,
+                var.name,
+                typed.type_name(var.ty)
+            );
+            problems.push(
+                cell.text
+                    .error("M310", mc.at.clone(), message)
+                    .expected(format!("at most {POINTS_MAX} elementary values")),
+            );
             continue;
-        };
-        match located(typed, var, location) {
-            Some(found) => image.located.push(found),
-            None => {
-                let message = format!(
-                    "MC {}: the located variable `{}` is {}",
-                    mc.mc,
-                    var.name,
-                    typed.type_name(var.ty)
-                );
-                problems.push(
-                    cell.text
-                        .error("M310", mc.at.clone(), message)
-                        .expected("a located variable of an elementary type"),
-                );
-            }
         }
+        image.located.extend(scalars.into_iter().map(located));
     }
     direct(cell, mc, typed, &image.located, problems);
     overlaps(cell, mc, &image.located, problems);
@@ -174,27 +180,32 @@ fn overlaps(cell: &Cell, mc: &McSpec, located: &[Located], problems: &mut Vec<Di
 }
 
 fn unlisted(cell: &Cell, mc: &McSpec, located: &[Located], problems: &mut Vec<Diagnostic>) {
-    for l in located {
-        let listed = if l.output {
-            mc.outputs
-                .iter()
-                .any(|o| o.name.get_ref().eq_ignore_ascii_case(&l.name))
-        } else {
-            mc.inputs
-                .iter()
-                .any(|i| i.name.get_ref().eq_ignore_ascii_case(&l.name))
-        };
-        if listed {
+    let outputs: BTreeSet<String> = mc.outputs.iter().map(|o| key(o.name.get_ref())).collect();
+    let inputs: BTreeSet<String> = mc.inputs.iter().map(|i| key(i.name.get_ref())).collect();
+    let missing = located.iter().filter(|l| {
+        let listed = if l.output { &outputs } else { &inputs };
+        !listed.contains(&key(&l.name))
+    });
+    // Of an array or structure one is told.
+    let mut told = BTreeSet::new();
+    for l in missing {
+        if !told.insert(variable(&l.name)) {
             continue;
         }
+        let is_part = variable(&l.name) != l.name;
+        let word = if is_part {
+            toml::Value::String(l.name.clone()).to_string()
+        } else {
+            l.name.clone()
+        };
         let (kind, table, example) = if l.output {
             (
                 "output",
                 "mc.outputs",
-                format!("{} = {{ field = \"...\", fail_safe = ... }}", l.name),
+                format!("{word} = {{ field = \"...\", fail_safe = ... }}"),
             )
         } else {
-            ("input", "mc.inputs", format!("{} = \"...\"", l.name))
+            ("input", "mc.inputs", format!("{word} = \"...\""))
         };
         let message = format!(
             "MC {}: the {kind} `{}` (at {}) of its logic is not listed",
@@ -203,7 +214,14 @@ fn unlisted(cell: &Cell, mc: &McSpec, located: &[Located], problems: &mut Vec<Di
         problems.push(
             cell.text
                 .error("M312", mc.at.clone(), message)
-                .hint(format!("add `{example}` to [{table}]")),
+                .hint(format!(
+                    "add `{example}` to [{table}]{}",
+                    if is_part {
+                        ", and the like for each element and field"
+                    } else {
+                        ""
+                    }
+                )),
         );
     }
 }
@@ -223,7 +241,7 @@ fn find<'a>(
     } else {
         ("input", "%I")
     };
-    let message = match located.iter().find(|l| l.name.eq_ignore_ascii_case(text)) {
+    let message = match located.iter().find(|l| key(&l.name) == key(text)) {
         Some(l) if l.output == output => return Some(l),
         Some(l) => format!("`{text}` is at {}, so that it is no {kind}", l.address),
         None => format!("its logic has no {kind} `{text}`"),
@@ -430,7 +448,7 @@ fn export(
     let (source, ..) = image
         .outputs
         .iter()
-        .find(|(o, ..)| o.name.eq_ignore_ascii_case(variable))?;
+        .find(|(o, ..)| key(&o.name) == key(variable))?;
     if source.elem != l.elem {
         let message = format!(
             "input {} of MC {} is {}, but `{variable}` of MC {from} is {}",
@@ -460,7 +478,7 @@ pub fn two_writers(cell: &Cell, images: &[Option<Image>], problems: &mut Vec<Dia
                 let found = i
                     .outputs
                     .iter()
-                    .find(|(l, ..)| l.name.eq_ignore_ascii_case(output.name.get_ref()));
+                    .find(|(l, ..)| key(&l.name) == key(output.name.get_ref()));
                 found.map(|(l, ..)| l.place)
             });
             let own = format!("output {} of MC {}", output.name.get_ref(), mc.mc);
@@ -507,4 +525,9 @@ fn written(point: &FieldPoint, place: Option<Place>) -> Vec<FieldPoint> {
             .collect(),
         other => vec![other.clone()],
     }
+}
+
+/// How names are compared: without regard to case, and to blanks between indices.
+fn key(name: &str) -> String {
+    name.replace(' ', "").to_ascii_uppercase()
 }

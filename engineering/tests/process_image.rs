@@ -5,7 +5,8 @@ mod common;
 
 use common::one_mc;
 use fam_engineering::build;
-use fam_proto::model::Number;
+use fam_engineering::convert::{Form, convert, write_files};
+use fam_proto::model::{Number, Place};
 
 fn said(logic: &str, extra: &str) -> String {
     let (_dir, path) = one_mc(logic, extra);
@@ -144,4 +145,105 @@ fn what_the_list_of_the_state_leaves_out_is_named() {
         let found = warnings.find(|w| w.contains("W808")).unwrap();
         assert!(found.contains(left), "{found}");
     }
+}
+
+const PARTS: &str = "
+TYPE Drive : STRUCT speed : INT; fault : BOOL; END_STRUCT; END_TYPE
+VAR_GLOBAL
+    levels AT %IW0 : ARRAY[1..3] OF INT;
+    seen AT %IB8 : ARRAY[0..1] OF Drive;
+    lamps AT %QX0.6 : ARRAY[0..1, 1..2] OF BOOL;
+    wanted AT %QB4 : Drive;
+END_VAR
+PROGRAM M
+lamps[1, 2] := levels[2] > 0;
+wanted := seen[1];
+END_PROGRAM
+";
+
+fn listed(inputs: &[&str], outputs: &[&str]) -> String {
+    let inputs: String = inputs
+        .iter()
+        .map(|name| format!("\"{name}\" = \"image:{name}\"\n"))
+        .collect();
+    let outputs: String = outputs
+        .iter()
+        .map(|name| format!("\"{name}\" = {{ field = \"image:{name}\", fail_safe = 0 }}\n"))
+        .collect();
+    let outputs = outputs.replace("fault\", fail_safe = 0", "fault\", fail_safe = false");
+    let mut text = String::new();
+    for line in outputs.lines() {
+        let line = if line.starts_with("\"lamps") {
+            line.replace("fail_safe = 0", "fail_safe = true")
+        } else {
+            line.to_owned()
+        };
+        text.push_str(&line);
+        text.push('\n');
+    }
+    format!("[mc.inputs]\n{inputs}[mc.outputs]\n{text}")
+}
+
+const INPUTS: [&str; 7] = [
+    "levels[1]",
+    "levels[2]",
+    "Levels[3]",
+    "seen[0].speed",
+    "seen[0].fault",
+    "seen[1].speed",
+    "seen[1].fault",
+];
+const OUTPUTS: [&str; 6] = [
+    "lamps[0,1]",
+    "lamps[0, 2]",
+    "lamps[1,1]",
+    "lamps[1,2]",
+    "wanted.speed",
+    "wanted.fault",
+];
+
+#[test]
+fn elements_and_fields_are_points_of_their_own() {
+    let (dir, path) = one_mc(PARTS, &listed(&INPUTS, &OUTPUTS));
+    let built = build(&path).unwrap_or_else(|p| panic!("{p}"));
+    let mc = &built.model.mcs[0];
+    let place = |name: &str| {
+        let inputs = mc.inputs.iter().map(|p| (&p.name, p.place));
+        let outputs = mc.outputs.iter().map(|p| (&p.name, p.place));
+        let mut all = inputs.chain(outputs);
+        all.find(|(n, _)| *n == name).expect("a point").1
+    };
+    assert_eq!(place("levels[3]"), Place::Bytes { byte: 4, width: 2 });
+    assert_eq!(place("seen[1].speed"), Place::Bytes { byte: 12, width: 2 });
+    assert_eq!(place("seen[1].fault"), Place::Bit { byte: 14, bit: 0 });
+    assert_eq!(place("lamps[0,2]"), Place::Bit { byte: 0, bit: 7 });
+    assert_eq!(place("lamps[1,2]"), Place::Bit { byte: 1, bit: 1 });
+    assert_eq!(place("wanted.fault"), Place::Bit { byte: 6, bit: 0 });
+    assert_eq!(mc.fail_safe[..2], [0b1100_0000, 0b0000_0011]);
+
+    // The same in AutomationML, and back.
+    let plain = convert(&path, "cell.aml", &Form::Caex { library: None }).unwrap_or_else(|p| panic!("{p}"));
+    let aml = dir.path().join("aml");
+    write_files(&plain.files, &aml).unwrap_or_else(|p| panic!("{p}"));
+    let again = build(&aml.join("cell.aml")).unwrap_or_else(|p| panic!("{p}"));
+    assert_eq!(again.model.mcs[0].inputs, mc.inputs);
+    assert_eq!(again.model.mcs[0].outputs, mc.outputs);
+}
+
+#[test]
+fn a_part_that_is_not_listed_is_told_once_for_its_variable() {
+    let text = said(PARTS, &listed(&INPUTS[3..], &OUTPUTS[..5]));
+    assert_eq!(text.matches("error[M312]").count(), 2, "{text}");
+    assert!(text.contains("`levels[1]` (at %IW0)"), "{text}");
+    assert!(
+        text.contains("add `\"levels[1]\" = \"...\"` to [mc.inputs], and the like"),
+        "{text}"
+    );
+    assert!(text.contains("`wanted.fault` (at %QX6.0)"), "{text}");
+    let text = said(PARTS, &listed(&INPUTS, &["lamps[0,3]"]));
+    assert!(
+        text.contains("its logic has no output `lamps[0,3]`"),
+        "{text}"
+    );
+    assert!(text.contains("did you mean `lamps[0,"), "{text}");
 }

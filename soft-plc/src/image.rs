@@ -3,9 +3,97 @@
 //! A BOOL takes a bit, everything else begins at a multiple of its own size, a structure at a byte. A field with a relative
 //! address (IEC 61131-3, clause 6.4.4.6) lies there instead, counted from the start of its structure.
 
+use crate::check::tree::{Location, TypedProject, Var};
 use crate::types::{Elem, TypeId, TypeKind, TypeTable};
 
 const BYTE: u64 = 8;
+
+/// A located variable of an elementary type, or a scalar of one that is an array or structure.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageScalar {
+    /// `level`, `levels[2]`, `drive.speed`.
+    pub path: String,
+    pub ty: TypeId,
+    pub elem: Elem,
+    pub location: Location,
+}
+
+/// The scalars of a located variable in the order of their places. Empty if it is not located.
+pub fn scalars(project: &TypedProject, var: &Var) -> Vec<ImageScalar> {
+    let mut list = Vec::new();
+    if let Some(location) = var.location {
+        let first = u64::from(location.byte) * BYTE + u64::from(location.bit.unwrap_or(0));
+        add_scalars(
+            project,
+            var.ty,
+            var.name.clone(),
+            first,
+            location,
+            &mut list,
+        );
+    }
+    list
+}
+
+fn add_scalars(
+    project: &TypedProject,
+    ty: TypeId,
+    path: String,
+    first: u64,
+    of: Location,
+    list: &mut Vec<ImageScalar>,
+) {
+    let types = &project.types;
+    match types.kind(ty) {
+        TypeKind::Array { dims, elem } => {
+            let stride = stride_bits(types, *elem);
+            let counts = dims.iter().map(|(l, h)| h - l + 1);
+            for number in 0..counts.product::<i64>() {
+                let mut rest = number;
+                let mut indices = Vec::new();
+                for (low, high) in dims.iter().rev() {
+                    indices.insert(0, (low + rest % (high - low + 1)).to_string());
+                    rest /= high - low + 1;
+                }
+                let path = format!("{path}[{}]", indices.join(","));
+                let first = first + number as u64 * stride;
+                add_scalars(project, *elem, path, first, of, list);
+            }
+        }
+        TypeKind::Struct { fields } => {
+            for (index, part) in fields.iter().enumerate() {
+                let path = format!("{path}.{}", part.name);
+                let first = first + field_bit(types, ty, index);
+                add_scalars(project, part.ty, path, first, of, list);
+            }
+        }
+        _ => {
+            let Some(elem) = types.elem(ty) else {
+                return;
+            };
+            let byte = (first / BYTE) as u32;
+            let size = match elem.image_bytes() {
+                _ if elem == Elem::Bool => 'X',
+                2 if byte.is_multiple_of(2) => 'W',
+                4 if byte.is_multiple_of(4) => 'D',
+                8 if byte.is_multiple_of(8) => 'L',
+                _ => 'B',
+            };
+            let location = Location {
+                byte,
+                bit: (elem == Elem::Bool).then_some((first % BYTE) as u8),
+                size,
+                ..of
+            };
+            list.push(ImageScalar {
+                path,
+                ty,
+                elem,
+                location,
+            });
+        }
+    }
+}
 
 /// Bits that a value of the type takes in the image, and of what number of bits its address is a multiple. Strings and references
 /// cannot lie there.

@@ -8,7 +8,7 @@ pub mod check;
 pub mod codegen;
 pub mod diag;
 mod diagnose;
-mod image;
+pub mod image;
 pub mod layout;
 pub mod memory;
 pub mod plain;

@@ -103,11 +103,19 @@ pub const CASES: &[Case] = &[
     ("input of an input", &[(CELL, "mc:A.Lamp", "mc:A.Go")]),
     ("input of no variable", &[(CELL, "mc:A.Lamp", "mc:A.Lmp")]),
     (
-        "located structure",
+        "located array that is not listed",
         &[(
             "b.st",
             "Seen AT %IX0.0 : BOOL;",
             "Seen AT %IX0.0 : BOOL;\n    both AT %IB2 : ARRAY[0..1] OF BYTE;",
+        )],
+    ),
+    (
+        "located array of too many values",
+        &[(
+            "b.st",
+            "Seen AT %IX0.0 : BOOL;",
+            "Seen AT %IX0.0 : BOOL;\n    all AT %IB2 : ARRAY[0..4096] OF BYTE;",
         )],
     ),
     (
