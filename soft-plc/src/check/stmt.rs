@@ -242,6 +242,7 @@ impl Checker<'_> {
         if typed.ty == TypeId::ERROR {
             return None;
         }
+        self.warn_of_temporary(&place, &typed);
         match self.by_elements(&place, &typed) {
             Some(assignments) => assignments,
             None => Some(StmtKind::Assign(place, typed)),

@@ -118,6 +118,7 @@ impl Fun<'_, '_> {
                 self.trap_if(SiteKind::NullReference, place.span, None);
                 self.i(I::LocalGet(local));
                 self.release(local);
+                self.reach_reference(4, place.span);
             }
         }
     }
@@ -227,6 +228,9 @@ impl Fun<'_, '_> {
     /// Whether the scalar lies in an ordinary cell.
     fn is_ordinary(&self, place: &Place) -> bool {
         let project = self.m.project;
+        if self.m.pointers && project.is_through_pointer(place) {
+            return false;
+        }
         match place.steps.last().map(|s| &s.kind) {
             Some(StepKind::Index(_)) => {
                 let closer = match place.root {

@@ -44,6 +44,7 @@ impl Fun<'_, '_> {
             ExprKind::Call(call) => self.function_call(call),
             ExprKind::AddressOf(place) => {
                 self.push_full_address(place);
+                self.characters(place, expr);
             }
             ExprKind::AddressIf(inner, accepted) => self.address_if(inner, accepted),
             // Strings have their own way (`text`).
@@ -359,7 +360,7 @@ fn cheap(expr: &Expr, budget: u32) -> bool {
             StepKind::Index(indices) => {
                 indices.iter().all(|i| matches!(i.kind, ExprKind::Const(_)))
             }
-            StepKind::Deref | StepKind::Char(_) => false,
+            StepKind::Deref | StepKind::Element(_) | StepKind::Char(_) => false,
             _ => true,
         }),
         ExprKind::Unary(_, inner) => cheap(inner, budget - 1),

@@ -207,8 +207,10 @@ impl<'m, 'p> Fun<'m, 'p> {
             .into_iter()
             .chain(shape.outputs.iter().copied());
         for var in results {
-            if let Some(Slot::Local(local)) = fun.slots.get(&var).copied() {
-                fun.i(I::LocalGet(local));
+            match fun.slots.get(&var).copied() {
+                Some(Slot::Local(local)) => fun.i(I::LocalGet(local)),
+                Some(Slot::Scratch(_)) => fun.push_addressed(var),
+                _ => {}
             }
         }
         fun.i(I::End);
@@ -260,6 +262,7 @@ impl<'m, 'p> Fun<'m, 'p> {
                 }
                 (VarSection::Input, Some(_)) => {
                     self.slots.insert(id, Slot::Local(param));
+                    self.place_addressed(id, param);
                     param += 1;
                 }
                 (VarSection::Input, None) => {
@@ -280,6 +283,7 @@ impl<'m, 'p> Fun<'m, 'p> {
                         self.constant(value, elem);
                         self.i(I::LocalSet(local));
                     }
+                    self.place_addressed(id, local);
                 }
                 (_, None) => self.prepare_scratch(id),
             }
@@ -321,6 +325,7 @@ impl<'m, 'p> Fun<'m, 'p> {
                     let value = self.initial(id, elem);
                     self.constant(value, elem);
                     self.i(I::LocalSet(local));
+                    self.place_addressed(id, local);
                     locals.push(local);
                 }
                 None => self.prepare_scratch(id),

@@ -124,6 +124,7 @@ impl Fun<'_, '_> {
         self.push_full_address(place);
         source(self);
         self.copy(size);
+        self.settle(place, size);
         self.forget(place);
     }
 

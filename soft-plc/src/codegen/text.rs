@@ -122,6 +122,9 @@ impl Fun<'_, '_> {
             self.i(I::LocalGet(capacity));
             return;
         }
+        if self.capacity_of_address(place) {
+            return;
+        }
         let len = self.m.project.types.text(place.ty).map_or(0, |t| t.1);
         self.i(I::I32Const(len as i32));
     }
