@@ -79,10 +79,7 @@ fn main() -> anyhow::Result<()> {
     let all = project.pous.len();
     let mut refused: BTreeMap<String, String> = BTreeMap::new();
     let mut first = 0;
-    loop {
-        let Err(problems) = check(&project, options()) else {
-            break;
-        };
+    while let Err(problems) = check(&project, options()) {
         let mut bad = BTreeSet::new();
         for problem in problems.iter().filter(|p| p.severity == Severity::Error) {
             if let Some(pou) = &problem.pou {

@@ -388,8 +388,7 @@ impl Checker<'_> {
     }
 
     /// A pointer to what exists during a call only, stored where it is seen after the call.
-    pub(super) fn warn_of_temporary(&mut self, to: &Place, value: &Expr) {
-        let Root::Var(holder) = to.root else { return };
+    pub(super) fn warn_of_temporary(&mut self, holder: VarId, value: &Expr) {
         if self.lives_in_call(holder) || self.var(holder).section == VarSection::InOut {
             return;
         }

@@ -249,14 +249,23 @@ impl Fun<'_, '_> {
         self.i(I::Call(put));
     }
 
-    /// After a value was copied as a whole: if a pointer had to do with it, lengths of strings may be anything.
-    pub fn settle(&mut self, place: &Place, size: u32) {
-        if !self.m.pointers || !self.holds_text(place.ty) {
-            return;
+    /// Keeps the address on the stack in a local as well, if strings lie there whose lengths a pointer may have spoilt.
+    pub fn keep_for_strings(&mut self, ty: TypeId) -> Option<u32> {
+        if !self.m.pointers || !self.holds_text(ty) {
+            return None;
         }
-        self.push_full_address(place);
+        let local = self.temp(ValType::I32);
+        self.i(I::LocalTee(local));
+        Some(local)
+    }
+
+    /// After a value was copied as a whole to the address in the local: no string there is longer than it can be.
+    pub fn settle(&mut self, address: Option<u32>, size: u32) {
+        let Some(local) = address else { return };
+        self.i(I::LocalGet(local));
         self.i(I::I32Const(size as i32));
         self.i(I::Call(pointer_helper::SETTLE));
+        self.release(local);
     }
 
     fn holds_text(&self, ty: TypeId) -> bool {
@@ -284,17 +293,16 @@ impl Fun<'_, '_> {
         }
     }
 
-    /// Pushes how many characters the string can have that a pointer or reference leads to; `false` if none does.
+    /// Pushes how many characters the string can have whose address lies on the stack and stays there, if a pointer leads to it.
     pub fn capacity_of_address(&mut self, place: &Place) -> bool {
-        let led = place
-            .steps
-            .iter()
-            .any(|s| matches!(s.kind, StepKind::Deref));
-        if !self.m.pointers || !led || !self.m.project.is_through_pointer(place) {
+        if !self.m.pointers || !self.m.project.is_through_pointer(place) {
             return false;
         }
-        self.push_full_address(place);
+        let address = self.temp(ValType::I32);
+        self.i(I::LocalTee(address));
+        self.i(I::LocalGet(address));
         self.i(I::Call(pointer_helper::CAPACITY));
+        self.release(address);
         true
     }
 

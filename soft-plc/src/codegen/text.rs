@@ -113,7 +113,7 @@ impl Fun<'_, '_> {
         self.release(view.len);
     }
 
-    /// Pushes how many characters the string variable can hold.
+    /// Pushes how many characters the string variable can hold, whose address has just been pushed.
     pub fn push_capacity(&mut self, place: &Place) {
         if place.steps.is_empty()
             && let Root::Var(id) = place.root
