@@ -26,6 +26,7 @@ impl Fun<'_, '_> {
             None => match self.known_local(place) {
                 Some(local) => self.i(I::LocalGet(local)),
                 None => {
+                    self.reads = true;
                     let addr = self.address(place);
                     self.load_from(elem, addr);
                     if let Some(local) = self.learn(place) {

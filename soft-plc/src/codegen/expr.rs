@@ -43,6 +43,7 @@ impl Fun<'_, '_> {
             ExprKind::Std(fun, args) => self.standard(*fun, args, self.elem(expr.ty), expr.span),
             ExprKind::Call(call) => self.function_call(call),
             ExprKind::AddressOf(place) => {
+                self.reads = true;
                 self.push_full_address(place);
                 self.characters(place, expr);
             }
@@ -78,6 +79,7 @@ impl Fun<'_, '_> {
     pub fn aggregate(&mut self, expr: &Expr) {
         match &expr.kind {
             ExprKind::Load(place) => {
+                self.reads = true;
                 self.push_full_address(place);
             }
             ExprKind::Call(call) => self.aggregate_call(call, expr.ty),

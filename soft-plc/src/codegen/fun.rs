@@ -87,6 +87,8 @@ pub struct Fun<'m, 'p> {
     pub instance: Instance,
     /// Nodes of function blocks whose statements stand in the place of their calls.
     pub put_in_place: u64,
+    /// The next address is that of something that is only read: a pointer may lead to a constant.
+    pub reads: bool,
 }
 
 /// Whether variables live only while the POU runs.
@@ -194,6 +196,7 @@ impl<'m, 'p> Fun<'m, 'p> {
             scan_number: None,
             instance: Instance::parameter(),
             put_in_place: 0,
+            reads: false,
         };
         fun.prologue();
         // RETURN leaves this block.

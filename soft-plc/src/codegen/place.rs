@@ -142,6 +142,7 @@ impl Fun<'_, '_> {
     /// Pushes the part of the address that is known at run time only; answers whether there is one.
     fn address_parts(&mut self, place: &Place) -> (bool, Addr) {
         let project = self.m.project;
+        let reads = std::mem::take(&mut self.reads);
         let mut dynamic = false;
         let mut addr = Addr {
             offset: 0,
@@ -326,7 +327,7 @@ impl Fun<'_, '_> {
                     // The character must be one that the string has now.
                     self.finish_address(dynamic, addr.offset);
                     if std::mem::take(&mut pointed) {
-                        self.check_text(wide, place.span);
+                        self.check_text(wide, reads, place.span);
                     }
                     let base = self.temp(ValType::I32);
                     self.i(I::LocalSet(base));
@@ -359,7 +360,7 @@ impl Fun<'_, '_> {
         }
         if pointed {
             self.finish_address(dynamic, addr.offset);
-            let form = self.check_address(ty, whole, place.span);
+            let form = self.check_address(ty, whole, reads, place.span);
             return (true, Addr { offset: 0, form });
         }
         (dynamic, addr)

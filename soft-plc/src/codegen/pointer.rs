@@ -1,6 +1,6 @@
 //! Pointers of CODESYS: what they lead to is looked at before it is used, and read and written in as many bytes as it has.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use wasm_encoder::{Instruction as I, ValType};
 
@@ -80,11 +80,20 @@ impl State<'_> {
         for (id, at) in self.scratch.clone() {
             self.strings_in(project.var(id).ty, at, &mut list);
         }
+        let texts: BTreeMap<u32, u32> = (0..project.vars.len())
+            .filter(|index| project.vars[*index].constant)
+            .filter_map(|index| {
+                let (wide, len) = project.types.text(project.vars[index].ty)?;
+                let kind = pointer_helper::CONSTANT_TEXT | (len * 2 + u32::from(wide));
+                Some((self.plan.addresses[index], kind))
+            })
+            .collect();
         let constants = self.plan.constants.iter().chain(&self.data);
         let constants: Vec<_> = constants
             .map(|(at, bytes)| {
                 let end = round_up(u64::from(*at) + bytes.len() as u64, PIECE_BYTES);
-                (*at, end as u32, pointer_helper::CONSTANT)
+                let kind = texts.get(at).copied();
+                (*at, end as u32, kind.unwrap_or(pointer_helper::CONSTANT))
             })
             .collect();
         list.extend(constants);
@@ -177,18 +186,19 @@ impl Fun<'_, '_> {
     }
 
     /// Traps unless a string begins at the address on the stack; the address stays.
-    pub fn check_text(&mut self, wide: bool, span: Span) {
+    pub fn check_text(&mut self, wide: bool, reads: bool, span: Span) {
         let site = self.address_site(span);
-        self.i(I::I32Const(i32::from(wide)));
+        let kind = i32::from(wide) | if reads { 0 } else { pointer_helper::WRITTEN };
+        self.i(I::I32Const(kind));
         self.i(I::I32Const(site));
         self.i(I::Call(pointer_helper::TEXT));
     }
 
     /// Looks at the address on the stack, which a pointer leads to; answers how the value there is read and written.
-    pub fn check_address(&mut self, ty: TypeId, whole: bool, span: Span) -> Form {
+    pub fn check_address(&mut self, ty: TypeId, whole: bool, reads: bool, span: Span) -> Form {
         let project = self.m.project;
         if let Some((wide, _)) = project.types.text(ty) {
-            self.check_text(wide, span);
+            self.check_text(wide, reads, span);
             return Form::Cell;
         }
         let site = self.address_site(span);
@@ -196,7 +206,11 @@ impl Fun<'_, '_> {
             let size = self.m.size_of(ty);
             self.i(I::I32Const(size as i32));
             self.i(I::I32Const(site));
-            self.i(I::Call(pointer_helper::AREA));
+            self.i(I::Call(if reads {
+                pointer_helper::REACH
+            } else {
+                pointer_helper::AREA
+            }));
             return Form::Cell;
         };
         let bytes = if is_byte(elem, whole) {

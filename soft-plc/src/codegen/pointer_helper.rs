@@ -11,6 +11,10 @@ use super::helper::{self, Helper, at, function};
 pub const ENTRY_BYTES: u32 = 12;
 /// Kind of what must not be written.
 pub const CONSTANT: u32 = u32::MAX;
+/// The bit that makes the kind of a string that of a constant one.
+pub const CONSTANT_TEXT: u32 = 1 << 31;
+/// `wide` of `TEXT` for a string that is written.
+pub const WRITTEN: i32 = 2;
 
 /// Why an address is refused: the detail of the trap.
 pub const OUTSIDE: i64 = 0;
@@ -135,8 +139,8 @@ impl Calls {
             I::LocalGet(ENTRY),
             I::I32Load(at(8, 2)),
             I::LocalTee(KIND),
-            I::I32Const(CONSTANT as i32),
-            I::I32Eq,
+            I::I32Const(0),
+            I::I32LtS,
         ]);
         self.trap(2, IS_CONSTANT, &mut c);
         c.extend([
@@ -304,8 +308,8 @@ impl Calls {
                 I::If(BlockType::Empty),
                 I::LocalGet(3),
                 I::I32Load(at(8, 2)),
-                I::I32Const(CONSTANT as i32),
-                I::I32Eq,
+                I::I32Const(0),
+                I::I32LtS,
             ]);
             self.trap(2, IS_CONSTANT, &mut c);
             c.push(I::End);
@@ -333,10 +337,23 @@ impl Calls {
             I::I32Const(1),
             I::I32And,
             I::LocalGet(1),
+            I::I32Const(1),
+            I::I32And,
             I::I32Ne,
             I::I32Or,
         ]);
         self.trap(2, NO_STRING, &mut c);
+        c.extend([
+            I::LocalGet(3),
+            I::I32Load(at(8, 2)),
+            I::I32Const(0),
+            I::I32LtS,
+            I::LocalGet(1),
+            I::I32Const(1),
+            I::I32ShrU,
+            I::I32And,
+        ]);
+        self.trap(2, IS_CONSTANT, &mut c);
         c.push(I::LocalGet(0));
         function(1, c)
     }
@@ -471,8 +488,8 @@ fn settle(reach: Reach) -> Function {
         I::LocalGet(2),
         I::I32Load(at(reach.table + 8, 2)),
         I::LocalTee(6),
-        I::I32Const(CONSTANT as i32),
-        I::I32Eq,
+        I::I32Const(0),
+        I::I32LtS,
         I::BrIf(0),
         I::LocalGet(2),
         I::I32Load(at(reach.table, 2)),

@@ -37,6 +37,7 @@ impl Fun<'_, '_> {
                 self.i(I::I32Const(units.len() as i32));
             }
             ExprKind::Load(place) => {
+                self.reads = true;
                 self.push_full_address(place);
                 self.view_of_address();
             }
