@@ -38,18 +38,14 @@ fn a_failure_leaves_the_folder_as_it_was() {
     let model = broken.path().join("cell.toml");
     let out = tempfile::tempdir().unwrap();
     let fresh = out.path().join("deep/fresh");
-    write(&model, Target::Fam, &fresh)
-        .err()
-        .expect("a mistake in the logic");
+    assert!(write(&model, Target::Fam, &fresh).is_err());
     assert!(!fresh.exists());
 
     let used = out.path().join("used");
     write(&two_stations(), Target::Fam, &used).expect("the cell is sound");
     std::fs::write(used.join("notes.txt"), "mine").unwrap();
     let before = tree(&used);
-    write(&model, Target::Portable, &used)
-        .err()
-        .expect("a mistake in the logic");
+    assert!(write(&model, Target::Portable, &used).is_err());
     assert_eq!(tree(&used), before);
     assert!(
         tree(out.path())
@@ -63,9 +59,9 @@ fn what_is_in_the_way_is_named_before_anything_is_written() {
     let out = tempfile::tempdir().unwrap();
     let way = out.path().join("agents.toml");
     std::fs::create_dir(&way).unwrap();
-    let problems = write(&two_stations(), Target::Fam, out.path())
-        .err()
-        .expect("a folder is in the way");
+    let Err(problems) = write(&two_stations(), Target::Fam, out.path()) else {
+        panic!("a folder is in the way");
+    };
     assert!(problems.to_string().contains("agents.toml"), "{problems}");
     assert_eq!(tree(out.path()), BTreeMap::new());
 }

@@ -222,7 +222,8 @@ fn elements_and_fields_are_points_of_their_own() {
     assert_eq!(mc.fail_safe[..2], [0b1100_0000, 0b0000_0011]);
 
     // The same in AutomationML, and back.
-    let plain = convert(&path, "cell.aml", &Form::Caex { library: None }).unwrap_or_else(|p| panic!("{p}"));
+    let plain =
+        convert(&path, "cell.aml", &Form::Caex { library: None }).unwrap_or_else(|p| panic!("{p}"));
     let aml = dir.path().join("aml");
     write_files(&plain.files, &aml).unwrap_or_else(|p| panic!("{p}"));
     let again = build(&aml.join("cell.aml")).unwrap_or_else(|p| panic!("{p}"));

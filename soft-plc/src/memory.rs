@@ -6,7 +6,8 @@
 //! - Elements of an array are cells too, except BOOL, BYTE, SINT and USINT, which take 1 byte each; the array ends at a
 //!   4-byte boundary. The last index varies fastest.
 //! - A STRING is its current length (4 bytes), then as many bytes as its declared length, those beyond the current length 0;
-//!   a WSTRING likewise, with 2 bytes for each character. It ends at a 4-byte boundary.
+//!   a WSTRING likewise, with 2 bytes for each character. It ends at a 4-byte boundary. In projects with pointers of CODESYS there is
+//!   room for one character more, which is always 0.
 //! - DATE, TIME_OF_DAY and DATE_AND_TIME take 8 bytes like TIME; a reference is the address of what it refers to, or 0.
 //! - `%M` variables lie behind the first region, byte by byte as they are addressed.
 //! - Structures and function block instances are contiguous, in the order of declaration, aligned as their widest cell.
@@ -43,6 +44,8 @@ pub(crate) fn round_up(value: u64, align: u64) -> u64 {
 /// Sizes of types and offsets of variables in function block instances.
 pub(crate) struct Sizes {
     types: Vec<Option<(u64, u64)>>,
+    /// Strings end with a 0 of their own, as pointers expect it.
+    ended: bool,
     /// Offset of each variable that lies in an instance, by variable number.
     pub offsets: Vec<u64>,
 }
@@ -62,6 +65,7 @@ impl Sizes {
         let count = project.types.iter().count();
         Self {
             types: vec![None; count],
+            ended: project.uses_pointers(),
             offsets: vec![0; project.vars.len()],
         }
     }
@@ -93,7 +97,8 @@ impl Sizes {
             }
             TypeKind::FunctionBlock(pou) => self.instance(project, *pou),
             TypeKind::Str { wide, len } => {
-                let bytes = u64::from(*len) * if *wide { 2 } else { 1 };
+                let units = u64::from(*len) + u64::from(self.ended);
+                let bytes = units * if *wide { 2 } else { 1 };
                 (4 + round_up(bytes, 4), 4)
             }
             _ => match project.types.elem(ty) {

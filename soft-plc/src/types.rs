@@ -318,8 +318,10 @@ pub enum TypeKind {
         wide: bool,
         len: u32,
     },
-    /// REF_TO or POINTER TO.
+    /// REF_TO, and POINTER TO of the standard dialect.
     Ref(TypeId),
+    /// POINTER TO of CODESYS: a number of bytes that can be reckoned with.
+    Pointer(TypeId),
     /// A variable of an interface: the address of an instance that implements it.
     Interface(InterfaceId),
     Inferred,
@@ -434,6 +436,21 @@ impl TypeTable {
         }
     }
 
+    /// The type of pointers to `to`: one for each.
+    pub fn pointer(&mut self, to: TypeId) -> TypeId {
+        let found = self.list.iter().position(|t| {
+            t.name.is_none() && matches!(t.kind, TypeKind::Pointer(target) if target == to)
+        });
+        match found {
+            Some(index) => TypeId(index as u32),
+            None => self.add(None, TypeKind::Pointer(to)),
+        }
+    }
+
+    pub fn is_pointer(&self, id: TypeId) -> bool {
+        matches!(self.kind(id), TypeKind::Pointer(_))
+    }
+
     /// Whether strings of the type are wide, and their longest length.
     pub fn text(&self, id: TypeId) -> Option<(bool, u32)> {
         match self.kind(id) {
@@ -445,13 +462,16 @@ impl TypeTable {
     /// What a reference of this type leads to.
     pub fn pointee(&self, id: TypeId) -> Option<TypeId> {
         match self.kind(id) {
-            TypeKind::Ref(to) => Some(*to),
+            TypeKind::Ref(to) | TypeKind::Pointer(to) => Some(*to),
             _ => None,
         }
     }
 
     pub fn is_ref(&self, id: TypeId) -> bool {
-        matches!(self.kind(id), TypeKind::Ref(_) | TypeKind::Interface(_))
+        matches!(
+            self.kind(id),
+            TypeKind::Ref(_) | TypeKind::Pointer(_) | TypeKind::Interface(_)
+        )
     }
 
     pub fn set_init(&mut self, id: TypeId, init: InitValue) {
@@ -490,7 +510,7 @@ impl TypeTable {
         match self.kind(id) {
             TypeKind::Elem(e) => Some(*e),
             TypeKind::Enum { base, .. } | TypeKind::Subrange { base, .. } => Some(*base),
-            TypeKind::Ref(_) | TypeKind::Interface(_) => Some(Elem::Ref),
+            TypeKind::Ref(_) | TypeKind::Pointer(_) | TypeKind::Interface(_) => Some(Elem::Ref),
             _ => None,
         }
     }
@@ -521,7 +541,8 @@ impl TypeTable {
                 (TypeKind::Str { wide: wa, len: la }, TypeKind::Str { wide: wb, len: lb }) => {
                     wa == wb && la == lb
                 }
-                (TypeKind::Ref(a), TypeKind::Ref(b)) => self.same(*a, *b),
+                (TypeKind::Ref(a), TypeKind::Ref(b))
+                | (TypeKind::Pointer(a), TypeKind::Pointer(b)) => self.same(*a, *b),
                 _ => false,
             }
     }
@@ -554,6 +575,7 @@ impl TypeTable {
             }
             TypeKind::Ref(to) if *to == TypeId::ERROR => "NULL".into(),
             TypeKind::Ref(to) => format!("REF_TO {}", self.name(*to)),
+            TypeKind::Pointer(to) => format!("POINTER TO {}", self.name(*to)),
             TypeKind::Interface(_) => "an interface".into(),
             TypeKind::Inferred => "a type still unknown".into(),
         }
@@ -578,7 +600,9 @@ impl TypeTable {
             }
             // The lower limit (clause 6.4.4.4), not 0.
             TypeKind::Subrange { base, lo, .. } => Value::from_i128(*base, *lo),
-            TypeKind::Ref(_) | TypeKind::Interface(_) => Value::zero(Elem::Ref),
+            TypeKind::Ref(_) | TypeKind::Pointer(_) | TypeKind::Interface(_) => {
+                Value::zero(Elem::Ref)
+            }
             _ => return None,
         })
     }

@@ -260,7 +260,7 @@ impl UnitWriter<'_> {
                 }
                 xml.close();
             }
-            TypeSpecKind::Ref(to) => {
+            TypeSpecKind::Ref(to) | TypeSpecKind::Pointer(to) => {
                 xml.open("pointer", &[]);
                 xml.open("baseType", &[]);
                 self.type_spec(xml, to);

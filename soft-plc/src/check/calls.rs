@@ -578,6 +578,7 @@ impl Checker<'_> {
                 VarSection::Input => {
                     let typed = self.argument(*parameter, value);
                     failed |= typed.ty == TypeId::ERROR;
+                    self.warn_of_temporary(*parameter, &typed);
                     call.inputs.push((*parameter, typed));
                 }
                 VarSection::Output => match self.output_target(*parameter, value) {

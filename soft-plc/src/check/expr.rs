@@ -253,6 +253,12 @@ impl Checker<'_> {
         if self.types.same(expr.ty, ty) {
             return Expr { ty, ..expr };
         }
+        if self.types.is_pointer(ty) {
+            return self.as_pointer(expr, ty);
+        }
+        if self.types.is_pointer(expr.ty) && !self.types.is_ref(ty) {
+            return self.pointer_as_number(expr, ty);
+        }
         if self.types.is_ref(ty) {
             return self.coerce_reference(expr, ty);
         }
@@ -296,6 +302,10 @@ impl Checker<'_> {
         let fits = match (self.types.kind(ty), self.types.kind(expr.ty)) {
             _ if expr.ty == TypeId::NULL => true,
             (TypeKind::Ref(to), TypeKind::Ref(from)) => self.derives(*from, *to),
+            // ADR gives what is wanted; what a pointer leads to later, nobody knows.
+            (TypeKind::Ref(to), TypeKind::Pointer(from)) => {
+                matches!(expr.kind, ExprKind::AddressOf(_)) && self.derives(*from, *to)
+            }
             (TypeKind::Interface(id), TypeKind::FunctionBlock(pou)) => {
                 let implements = self.implements(*pou, *id);
                 if implements && let ExprKind::Load(place) = expr.kind.clone() {
@@ -389,7 +399,7 @@ impl Checker<'_> {
         self.within(converted, ty)
     }
 
-    fn mismatch(&mut self, expr: &Expr, ty: TypeId) {
+    pub(super) fn mismatch(&mut self, expr: &Expr, ty: TypeId) {
         let (have, want) = (self.type_name(expr.ty), self.type_name(ty));
         let mut problem = Problem::error(
             "E302",

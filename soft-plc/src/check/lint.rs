@@ -51,6 +51,17 @@ fn uses(body: &[Stmt]) -> (BTreeSet<VarId>, BTreeSet<VarId>) {
             written.insert(id);
         }
     });
+    // Whose address is taken may be written through it.
+    visit(body, &mut |node| {
+        if let Node::Expr(Expr {
+            kind: ExprKind::AddressOf(place),
+            ..
+        }) = node
+            && let Root::Var(id) = place.root
+        {
+            written.insert(id);
+        }
+    });
     (seen.into_keys().collect(), written)
 }
 
@@ -195,14 +206,6 @@ impl Linter<'_> {
                             written.insert(id);
                         }
                     }
-                }
-                if let Node::Expr(Expr {
-                    kind: ExprKind::AddressOf(place),
-                    ..
-                }) = node
-                    && let Root::Var(id) = place.root
-                {
-                    written.insert(id);
                 }
             });
         }

@@ -16,6 +16,7 @@ mod names;
 mod open_arrays;
 mod operators;
 mod place;
+mod pointers;
 mod pous;
 mod recursion;
 mod stdcalls;

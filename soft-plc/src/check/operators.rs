@@ -63,6 +63,9 @@ impl Checker<'_> {
         if left.ty == TypeId::ERROR || right.ty == TypeId::ERROR {
             return error_expr(span);
         }
+        if self.types.is_pointer(left.ty) || self.types.is_pointer(right.ty) {
+            return self.pointer_operator(op, left, right, span);
+        }
         if self.types.is_ref(left.ty) || self.types.is_ref(right.ty) {
             return self.compare_references(op, left, right, span);
         }

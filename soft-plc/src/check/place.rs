@@ -434,6 +434,9 @@ impl Checker<'_> {
         if self.types.text(place.ty).is_some() {
             return self.character(place, indices, span);
         }
+        if self.types.is_pointer(place.ty) {
+            return self.element(place, indices, span);
+        }
         let TypeKind::Array { dims, elem } = self.types.kind(place.ty).clone() else {
             let message = format!(
                 "`{}` is {} and cannot be indexed",

@@ -1,7 +1,7 @@
 //! Statements.
 
 use crate::check::Checker;
-use crate::check::tree::{Expr, ExprKind, For, Stmt, StmtKind};
+use crate::check::tree::{Expr, ExprKind, For, Root, Stmt, StmtKind};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{self, CaseLabel};
@@ -238,6 +238,9 @@ impl Checker<'_> {
         let typed = self.coerce(typed, place.ty);
         if typed.ty == TypeId::ERROR {
             return None;
+        }
+        if let Root::Var(holder) = place.root {
+            self.warn_of_temporary(holder, &typed);
         }
         match self.by_elements(&place, &typed) {
             Some(assignments) => assignments,

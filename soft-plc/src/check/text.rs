@@ -370,6 +370,9 @@ impl Checker<'_> {
         let Some(place) = self.place(value) else {
             return error_expr(span);
         };
+        if name == "ADR" && self.is_liberal() {
+            return self.pointer_to(place, span);
+        }
         self.address_of(place, span)
     }
 
@@ -447,7 +450,7 @@ impl Checker<'_> {
                 None => return error_expr(span),
             },
         };
-        match self.bytes_of(ty) {
+        match self.laid_out(ty).or_else(|| self.bytes_of(ty)) {
             Some(bytes) => constant(
                 Value::Int(i64::try_from(bytes).unwrap_or(i64::MAX)),
                 TypeId::UNTYPED_INT,

@@ -111,6 +111,25 @@ impl TypedProject {
             .map(|p| p.name.as_str())
     }
 
+    /// Whether variables are reached by numbers: POINTER TO of CODESYS.
+    pub fn uses_pointers(&self) -> bool {
+        self.types
+            .iter()
+            .any(|(_, ty)| matches!(ty.kind, TypeKind::Pointer(_)))
+    }
+
+    /// Whether the place is reached through a pointer.
+    pub fn is_through_pointer(&self, place: &Place) -> bool {
+        let mut ty = match place.root {
+            Root::Var(id) => self.var(id).ty,
+            _ => return false,
+        };
+        place.steps.iter().any(|step| {
+            let before = std::mem::replace(&mut ty, step.ty);
+            matches!(step.kind, StepKind::Deref) && self.types.is_pointer(before)
+        })
+    }
+
     /// The name of a type as the user would write it.
     pub fn type_name(&self, ty: TypeId) -> String {
         match self.types.kind(ty) {
@@ -158,7 +177,9 @@ impl TypedProject {
                     path.push_str(&format!("[{}]", texts.join(",")));
                 }
                 StepKind::Bit(bit) => path.push_str(&format!(".{bit}")),
-                StepKind::Part(..) | StepKind::Deref | StepKind::Char(_) => return None,
+                StepKind::Part(..) | StepKind::Deref | StepKind::Element(_) | StepKind::Char(_) => {
+                    return None;
+                }
             }
         }
         Some(path)
@@ -403,6 +424,8 @@ pub enum StepKind {
     Part(u8, u8),
     /// What a reference leads to.
     Deref,
+    /// The so-many-th value behind the one that a pointer leads to (`pt[i]`), counted from 0.
+    Element(Box<Expr>),
     /// A character of a string, counted from 1.
     Char(Box<Expr>),
 }

@@ -68,7 +68,7 @@ impl<'p> Checker<'p> {
                 }
                 self.types.string(*wide, len as u32)
             }
-            TypeSpecKind::Ref(to) => {
+            TypeSpecKind::Ref(to) | TypeSpecKind::Pointer(to) => {
                 let target = match self.structure_ahead(to) {
                     Some(target) => target,
                     None => self.resolve_spec(to, None),
@@ -76,7 +76,11 @@ impl<'p> Checker<'p> {
                 if target == TypeId::ERROR {
                     return TypeId::ERROR;
                 }
-                self.types.reference(target)
+                if matches!(spec.kind, TypeSpecKind::Pointer(_)) && self.is_liberal() {
+                    self.types.pointer(target)
+                } else {
+                    self.types.reference(target)
+                }
             }
             TypeSpecKind::Inferred => TypeId::INFERRED,
             TypeSpecKind::OpenArray { .. } => self.open_array(spec.span),

@@ -71,7 +71,7 @@ fn place(at: &Place, f: &mut dyn FnMut(Node<'_>)) {
     for step in &at.steps {
         match &step.kind {
             StepKind::Index(indices) => indices.iter().for_each(|e| expr(e, f)),
-            StepKind::Char(index) => expr(index, f),
+            StepKind::Char(index) | StepKind::Element(index) => expr(index, f),
             _ => {}
         }
     }

@@ -118,6 +118,7 @@ impl Fun<'_, '_> {
                 self.trap_if(SiteKind::NullReference, place.span, None);
                 self.i(I::LocalGet(local));
                 self.release(local);
+                self.reach_reference(4, place.span);
             }
         }
     }
@@ -230,6 +231,9 @@ impl Fun<'_, '_> {
         if let Root::Var(id) = place.root
             && project.var(id).is_closer(&project.types)
         {
+            return false;
+        }
+        if self.m.pointers && project.is_through_pointer(place) {
             return false;
         }
         match place.steps.last().map(|s| &s.kind) {

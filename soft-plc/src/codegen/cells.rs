@@ -26,6 +26,7 @@ impl Fun<'_, '_> {
             None => match self.known_local(place) {
                 Some(local) => self.i(I::LocalGet(local)),
                 None => {
+                    self.reads = true;
                     let addr = self.address(place);
                     self.load_from(elem, addr);
                     if let Some(local) = self.learn(place) {
@@ -82,6 +83,7 @@ impl Fun<'_, '_> {
     pub fn load_from(&mut self, elem: Elem, addr: Addr) {
         let o = addr.offset;
         match addr.form {
+            Form::View { whole, .. } => self.load_view(elem, whole),
             Form::ImageBit(bit) => {
                 self.i(I::I32Load8U(mem(o, 0)));
                 if bit != 0 {
@@ -136,6 +138,7 @@ impl Fun<'_, '_> {
     pub fn store_as_it_is(&mut self, elem: Elem, addr: Addr) {
         let o = addr.offset;
         match addr.form {
+            Form::View { site, whole } => self.store_view(elem, site, whole),
             Form::ImageBit(bit) => {
                 let value = self.temp(ValType::I32);
                 let base = self.temp(ValType::I32);

@@ -74,7 +74,7 @@ impl State<'_> {
         if interface.is_none() && targets.iter().all(|t| Some(t.1) == only) {
             return only.map_or_else(|| self.numbers[&method], |m| self.numbers[&m]);
         }
-        let first = helper::COUNT + self.order.len() as u32;
+        let first = super::helpers(self.pointers) + self.order.len() as u32;
         let known = self
             .dispatchers
             .iter()

@@ -43,7 +43,9 @@ impl Fun<'_, '_> {
             ExprKind::Std(fun, args) => self.standard(*fun, args, self.elem(expr.ty), expr.span),
             ExprKind::Call(call) => self.function_call(call),
             ExprKind::AddressOf(place) => {
+                self.reads = true;
                 self.push_full_address(place);
+                self.characters(place, expr);
             }
             ExprKind::AddressIf(inner, accepted) => self.address_if(inner, accepted),
             // Strings have their own way (`text`).
@@ -77,6 +79,7 @@ impl Fun<'_, '_> {
     pub fn aggregate(&mut self, expr: &Expr) {
         match &expr.kind {
             ExprKind::Load(place) => {
+                self.reads = true;
                 self.push_full_address(place);
             }
             ExprKind::Call(call) => self.aggregate_call(call, expr.ty),
@@ -359,7 +362,7 @@ fn cheap(expr: &Expr, budget: u32) -> bool {
             StepKind::Index(indices) => {
                 indices.iter().all(|i| matches!(i.kind, ExprKind::Const(_)))
             }
-            StepKind::Deref | StepKind::Char(_) => false,
+            StepKind::Deref | StepKind::Element(_) | StepKind::Char(_) => false,
             _ => true,
         }),
         ExprKind::Unary(_, inner) => cheap(inner, budget - 1),

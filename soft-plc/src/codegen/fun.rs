@@ -87,6 +87,8 @@ pub struct Fun<'m, 'p> {
     pub instance: Instance,
     /// Nodes of function blocks whose statements stand in the place of their calls.
     pub put_in_place: u64,
+    /// The next address is that of something that is only read: a pointer may lead to a constant.
+    pub reads: bool,
 }
 
 /// Whether variables live only while the POU runs.
@@ -194,6 +196,7 @@ impl<'m, 'p> Fun<'m, 'p> {
             scan_number: None,
             instance: Instance::parameter(),
             put_in_place: 0,
+            reads: false,
         };
         fun.prologue();
         // RETURN leaves this block.
@@ -207,8 +210,10 @@ impl<'m, 'p> Fun<'m, 'p> {
             .into_iter()
             .chain(shape.outputs.iter().copied());
         for var in results {
-            if let Some(Slot::Local(local)) = fun.slots.get(&var).copied() {
-                fun.i(I::LocalGet(local));
+            match fun.slots.get(&var).copied() {
+                Some(Slot::Local(local)) => fun.i(I::LocalGet(local)),
+                Some(Slot::Scratch(_)) => fun.push_addressed(var),
+                _ => {}
             }
         }
         fun.i(I::End);
@@ -260,6 +265,7 @@ impl<'m, 'p> Fun<'m, 'p> {
                 }
                 (VarSection::Input, Some(_)) => {
                     self.slots.insert(id, Slot::Local(param));
+                    self.place_addressed(id, param);
                     param += 1;
                 }
                 (VarSection::Input, None) => {
@@ -280,6 +286,7 @@ impl<'m, 'p> Fun<'m, 'p> {
                         self.constant(value, elem);
                         self.i(I::LocalSet(local));
                     }
+                    self.place_addressed(id, local);
                 }
                 (_, None) => self.prepare_scratch(id),
             }
@@ -321,6 +328,7 @@ impl<'m, 'p> Fun<'m, 'p> {
                     let value = self.initial(id, elem);
                     self.constant(value, elem);
                     self.i(I::LocalSet(local));
+                    self.place_addressed(id, local);
                     locals.push(local);
                 }
                 None => self.prepare_scratch(id),

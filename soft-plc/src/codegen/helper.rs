@@ -35,8 +35,8 @@ pub struct Helper {
     pub code: Function,
 }
 
-/// All helpers in the order of their numbers, behind so many imports.
-pub fn all(imports: u32) -> Vec<Helper> {
+/// All helpers in the order of their numbers, behind so many imports. `ended`: a string has a 0 behind its last character.
+pub fn all(imports: u32, ended: bool) -> Vec<Helper> {
     let four = || vec![ValType::I32; 4];
     let mut list = vec![Helper {
         params: vec![ValType::I32, ValType::I64],
@@ -47,7 +47,7 @@ pub fn all(imports: u32) -> Vec<Helper> {
         list.push(Helper {
             params: four(),
             results: Vec::new(),
-            code: assign_function(wide, imports + MOVE),
+            code: assign_function(wide, imports + MOVE, ended),
         });
     }
     for wide in [false, true] {
@@ -72,7 +72,7 @@ pub fn all(imports: u32) -> Vec<Helper> {
     list
 }
 
-fn at(offset: u32, align: u32) -> MemArg {
+pub fn at(offset: u32, align: u32) -> MemArg {
     MemArg {
         offset: u64::from(offset),
         align,
@@ -80,7 +80,7 @@ fn at(offset: u32, align: u32) -> MemArg {
     }
 }
 
-fn function(locals: u32, code: Vec<I<'static>>) -> Function {
+pub fn function(locals: u32, code: Vec<I<'static>>) -> Function {
     let mut f = Function::new([(locals, ValType::I32)]);
     for instruction in code {
         f.instruction(&instruction);
@@ -114,7 +114,7 @@ fn bytes(local: u32, wide: bool, code: &mut Vec<I<'static>>) {
     }
 }
 
-fn assign_function(wide: bool, mover: u32) -> Function {
+fn assign_function(wide: bool, mover: u32, ended: bool) -> Function {
     // 0 destination, 1 capacity, 2 source, 3 length, 4 length before
     let mut c = vec![
         I::LocalGet(3),
@@ -161,6 +161,16 @@ fn assign_function(wide: bool, mover: u32) -> Function {
         I::LocalGet(3),
         I::I32Store(at(0, 2)),
     ]);
+    if ended {
+        c.push(I::LocalGet(0));
+        bytes(3, wide, &mut c);
+        c.extend([I::I32Add, I::I32Const(0)]);
+        c.push(if wide {
+            I::I32Store16(at(4, 0))
+        } else {
+            I::I32Store8(at(4, 0))
+        });
+    }
     function(1, c)
 }
 

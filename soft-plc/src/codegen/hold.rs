@@ -30,6 +30,8 @@ pub struct Touched {
     roots: BTreeSet<VarId>,
     members: BTreeSet<VarId>,
     copies_regions: bool,
+    /// Something is reached by an address, which may be that of any variable.
+    by_address: bool,
 }
 
 pub struct Held {
@@ -107,6 +109,7 @@ impl State<'_> {
             roots: BTreeSet::new(),
             members: own.members.clone(),
             copies_regions: own.copies_regions,
+            by_address: own.by_address,
         };
         let mut seen = BTreeSet::from([pou]);
         let mut todo: Vec<PouId> = self.project.pou(pou).calls.iter().copied().collect();
@@ -116,6 +119,7 @@ impl State<'_> {
                 all.roots.extend(&below.roots);
                 all.members.extend(&below.members);
                 all.copies_regions |= below.copies_regions;
+                all.by_address |= below.by_address;
                 todo.extend(&self.project.pou(next).calls);
             }
         }
@@ -180,6 +184,7 @@ impl Touched {
             if let StepKind::Member(id) = step.kind {
                 self.members.insert(id);
             }
+            self.by_address |= matches!(step.kind, StepKind::Deref);
         }
     }
 }
@@ -263,7 +268,7 @@ impl Fun<'_, '_> {
     fn candidates(&mut self, body: &[Stmt]) -> Vec<VarId> {
         let project = self.m.project;
         let below = self.m.touched_below(self.pou);
-        if below.copies_regions {
+        if below.copies_regions || (self.m.pointers && below.by_address) {
             return Vec::new();
         }
         let unit = project.pou(self.pou);

@@ -162,7 +162,7 @@ impl Fun<'_, '_> {
                     }
                 }
                 StepKind::Bit(_) | StepKind::Part(..) => break,
-                StepKind::Deref | StepKind::Char(_) => return None,
+                StepKind::Deref | StepKind::Element(_) | StepKind::Char(_) => return None,
             }
         }
         Some(())

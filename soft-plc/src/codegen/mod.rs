@@ -19,6 +19,8 @@ mod inline;
 mod known;
 mod loops;
 mod place;
+mod pointer;
+mod pointer_helper;
 mod stdfun;
 mod stmt;
 mod text;
@@ -41,6 +43,7 @@ use crate::plan::Plan;
 use crate::source::Span;
 pub(crate) use dispatch::tag_of;
 use fun::{Fun, FunctionCode};
+pub(crate) use pointer_helper::{BEHIND_STRING, IS_CONSTANT, NO_STRING};
 
 /// Name of the exported function that runs one scan.
 pub const SCAN_EXPORT: &str = "scan";
@@ -91,6 +94,8 @@ pub enum SiteKind {
     /// The type that the text shows no value of.
     Text(String),
     NullReference,
+    /// A pointer that leads to no variable, or to none that can be used so.
+    Address,
     /// A character that the string does not have.
     Character,
     /// A loop that the watchdog has stopped.
@@ -123,6 +128,7 @@ pub fn compile(project: &TypedProject, spec: &CompileSpec) -> Result<CompiledMc,
     for pou in state.order.clone() {
         functions.push(Fun::compile(&mut state, pou));
     }
+    state.note_strings();
     let needed = round_up(u64::from(state.scratch_at), 8);
     if needed > MEMORY_BYTES_MAX {
         let message = format!(
@@ -162,6 +168,11 @@ struct State<'p> {
     /// Constants that code reads from memory.
     constants: BTreeMap<Vec<u8>, u32>,
     dispatchers: Vec<dispatch::Dispatcher>,
+    /// POINTER TO of CODESYS is used: helpers for it stand behind the others.
+    pointers: bool,
+    /// Variables of calls whose address is taken: they live in memory.
+    addressed: BTreeSet<VarId>,
+    reach: pointer_helper::Reach,
 }
 
 impl<'p> State<'p> {
@@ -170,11 +181,12 @@ impl<'p> State<'p> {
             .map(PouId)
             .filter(|p| plan.reachable[p.0 as usize])
             .collect();
+        let pointers = project.uses_pointers();
         // The helpers come first.
         let numbers = order
             .iter()
             .enumerate()
-            .map(|(i, p)| (*p, i as u32 + helper::COUNT))
+            .map(|(i, p)| (*p, i as u32 + helpers(pointers)))
             .collect();
         let scratch_at = plan.scratch_at;
         Self {
@@ -192,9 +204,16 @@ impl<'p> State<'p> {
             touched: BTreeMap::new(),
             statements: BTreeMap::new(),
             referenced: hold::referenced(project),
-            passed_texts: hold::passed_texts(project),
+            passed_texts: if pointers {
+                pointer::longest_texts(project)
+            } else {
+                hold::passed_texts(project)
+            },
             constants: BTreeMap::new(),
             dispatchers: Vec::new(),
+            pointers,
+            addressed: pointer::addressed(project, pointers),
+            reach: pointer_helper::Reach::default(),
         }
     }
 
@@ -268,13 +287,17 @@ impl<'p> State<'p> {
         let mut function_section = FunctionSection::new();
         let mut code = CodeSection::new();
         let mut hints = BranchHints::new();
-        for helper in helper::all(import_count) {
+        let mut all = helper::all(import_count, self.pointers);
+        if self.pointers {
+            all.extend(pointer_helper::all(import_count, self.reach));
+        }
+        for helper in all {
             function_section.function(types.len());
             types.ty().function(helper.params, helper.results);
             code.function(&helper.code);
         }
         let mut code_map = CodeMap {
-            first_function: import_count + helper::COUNT,
+            first_function: import_count + helpers(self.pointers),
             functions: Vec::new(),
         };
         for function in functions {
@@ -396,6 +419,11 @@ impl<'p> State<'p> {
         });
         (body, map, hints.collect())
     }
+}
+
+/// How many helpers stand before the functions of the POUs.
+fn helpers(pointers: bool) -> u32 {
+    helper::COUNT + if pointers { pointer_helper::COUNT } else { 0 }
 }
 
 /// The parts of `bytes` that are not zero; short gaps stay inside a run.

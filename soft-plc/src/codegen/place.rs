@@ -23,6 +23,9 @@ pub enum Form {
     ImageBit(u8),
     /// The same for an element of an array: the lowest three bits of a local say which.
     ImageBitAt(u32),
+    /// Wherever a pointer leads, at an offset of 0: as many bytes as the type has, or a cell where it is known to be one.
+    /// `site` is that of the trap.
+    View { site: i32, whole: bool },
 }
 
 /// An address: what was pushed, plus `offset`.
@@ -140,6 +143,7 @@ impl Fun<'_, '_> {
     /// Pushes the part of the address that is known at run time only; answers whether there is one.
     fn address_parts(&mut self, place: &Place) -> (bool, Addr) {
         let project = self.m.project;
+        let reads = std::mem::take(&mut self.reads);
         let mut dynamic = false;
         let mut addr = Addr {
             offset: 0,
@@ -149,6 +153,8 @@ impl Fun<'_, '_> {
         let mut address_is_value = false;
         // In what lies closer in the process image than in memory: the bits before the part that is meant.
         let mut in_image: Option<u64> = None;
+        // Whether a pointer leads to what is named so far, and whether that is certainly a cell.
+        let (mut pointed, mut whole) = (false, false);
         match place.root {
             Root::This => {
                 // A program has one instance, at a fixed place: its actions need no address.
@@ -223,10 +229,12 @@ impl Fun<'_, '_> {
                 StepKind::Field(index, owner) => {
                     addr.offset += self.m.plan.sizes.field(project, *owner, *index) as u32;
                     addr.form = Form::Cell;
+                    whole = true;
                 }
                 StepKind::Member(var) => {
                     addr.offset += self.m.plan.sizes.offsets[var.0 as usize] as u32;
                     addr.form = Form::Cell;
+                    whole = true;
                 }
                 StepKind::Index(indices) => {
                     let TypeKind::Array { dims, elem } = project.types.kind(ty).clone() else {
@@ -274,12 +282,17 @@ impl Fun<'_, '_> {
                         .types
                         .elem(elem)
                         .is_some_and(Elem::is_packed_in_arrays);
+                    whole = !packed;
                     addr.form = if packed { Form::Packed } else { Form::Cell };
                 }
                 StepKind::Bit(_) | StepKind::Part(..) => continue,
                 StepKind::Deref => {
                     if !std::mem::take(&mut address_is_value) {
-                        if !dynamic {
+                        if pointed {
+                            self.finish_address(dynamic, addr.offset);
+                            self.reach(4, place.span);
+                            addr.offset = 0;
+                        } else if !dynamic {
                             self.i(I::I32Const(0));
                         }
                         self.i(I::I32Load(mem(addr.offset, 2)));
@@ -295,12 +308,34 @@ impl Fun<'_, '_> {
                         offset: 0,
                         form: Form::Cell,
                     };
+                    pointed = project.types.is_pointer(ty);
+                    whole = false;
+                    if pointed {
+                        self.begin_of_text(step.ty);
+                    } else {
+                        let size = self.m.size_of(step.ty);
+                        self.reach_reference(size, place.span);
+                    }
+                }
+                StepKind::Element(index) => {
+                    self.finish_address(dynamic, addr.offset);
+                    self.expr(index);
+                    self.i(I::I32WrapI64);
+                    let stride = self.m.plan.sizes.stride(project, step.ty) as u32;
+                    self.scale(stride);
+                    self.i(I::I32Add);
+                    dynamic = true;
+                    addr.offset = 0;
+                    whole = false;
                 }
                 StepKind::Char(index) => {
                     let wide = step.ty == crate::types::TypeId::of(Elem::Wchar);
                     let width: u32 = if wide { 2 } else { 1 };
                     // The character must be one that the string has now.
                     self.finish_address(dynamic, addr.offset);
+                    if std::mem::take(&mut pointed) {
+                        self.check_text(wide, reads, place.span);
+                    }
                     let base = self.temp(ValType::I32);
                     self.i(I::LocalSet(base));
                     self.expr(index);
@@ -336,6 +371,11 @@ impl Fun<'_, '_> {
                 Some(Elem::Bool) => Form::ImageBit((first % 8) as u8),
                 _ => Form::Image,
             };
+        }
+        if pointed {
+            self.finish_address(dynamic, addr.offset);
+            let form = self.check_address(ty, whole, reads, place.span);
+            return (true, Addr { offset: 0, form });
         }
         (dynamic, addr)
     }

@@ -122,8 +122,10 @@ impl Fun<'_, '_> {
     pub fn store_aggregate(&mut self, place: &Place, source: impl FnOnce(&mut Self)) {
         let size = self.m.size_of(place.ty);
         self.push_full_address(place);
+        let checked = self.keep_for_strings(place.ty);
         source(self);
         self.copy(size);
+        self.settle(checked, size);
         self.forget(place);
     }
 

@@ -37,6 +37,7 @@ impl Fun<'_, '_> {
                 self.i(I::I32Const(units.len() as i32));
             }
             ExprKind::Load(place) => {
+                self.reads = true;
                 self.push_full_address(place);
                 self.view_of_address();
             }
@@ -113,13 +114,16 @@ impl Fun<'_, '_> {
         self.release(view.len);
     }
 
-    /// Pushes how many characters the string variable can hold.
+    /// Pushes how many characters the string variable can hold, whose address has just been pushed.
     pub fn push_capacity(&mut self, place: &Place) {
         if place.steps.is_empty()
             && let Root::Var(id) = place.root
             && let Some(Slot::PointerText(_, capacity)) = self.slots.get(&id).copied()
         {
             self.i(I::LocalGet(capacity));
+            return;
+        }
+        if self.capacity_of_address(place) {
             return;
         }
         let len = self.m.project.types.text(place.ty).map_or(0, |t| t.1);

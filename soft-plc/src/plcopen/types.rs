@@ -116,7 +116,9 @@ impl Reader<'_> {
                     fields,
                 }
             }
-            "pointer" => TypeSpecKind::Ref(Box::new(self.type_spec(element(node, "baseType")?)?)),
+            "pointer" => {
+                TypeSpecKind::Pointer(Box::new(self.type_spec(element(node, "baseType")?)?))
+            }
             // Elementary types are elements of their own: <INT />.
             name => TypeSpecKind::Named(Ident {
                 name: name.to_owned(),

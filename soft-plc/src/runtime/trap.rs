@@ -5,7 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use wasmtime::WasmBacktrace;
 
-use crate::codegen::{CompiledMc, SiteKind};
+use crate::codegen::{BEHIND_STRING, CompiledMc, IS_CONSTANT, NO_STRING, SiteKind};
 use crate::memory::{TRAP_DETAIL_AT, TRAP_SITE_AT};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -15,6 +15,8 @@ pub enum TrapKind {
     Range,
     Conversion,
     NullReference,
+    /// A pointer leads to nothing that it could.
+    Address,
     EndlessLoop,
     StackOverflow,
     /// Something that compiled code never does; a fault of the compiler or the host.
@@ -106,6 +108,17 @@ fn describe(kind: &SiteKind, detail: i64) -> (TrapKind, String) {
             format!("the string has no character {detail}"),
         ),
         SiteKind::NullReference => (TrapKind::NullReference, "the reference is NULL".to_owned()),
+        SiteKind::Address => {
+            let why = match detail {
+                IS_CONSTANT => "the pointer leads to a constant, which cannot be written",
+                NO_STRING => "the pointer leads to no place where a STRING begins",
+                BEHIND_STRING => {
+                    "the pointer leads behind the last character that the STRING can have"
+                }
+                _ => "the pointer leads out of the variables",
+            };
+            (TrapKind::Address, why.to_owned())
+        }
         SiteKind::Text(to) => (
             TrapKind::Conversion,
             format!("the text shows no value of {to}"),

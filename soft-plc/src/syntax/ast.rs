@@ -94,8 +94,10 @@ pub enum TypeSpecKind {
         overlap: bool,
         fields: Vec<VarDecl>,
     },
-    /// `REF_TO INT`, `POINTER TO INT`
+    /// `REF_TO INT`
     Ref(Box<TypeSpec>),
+    /// `POINTER TO INT`: in the standard dialect another way to write REF_TO.
+    Pointer(Box<TypeSpec>),
     /// The type of the first value that is assigned: wires of diagrams.
     Inferred,
 }

@@ -95,7 +95,7 @@ impl Parser<'_> {
                     "REF_TO" => TypeSpecKind::Ref(Box::new(self.type_spec()?)),
                     "POINTER" => {
                         self.expect(Tok::Kw(Kw::To), "TO and the type that is pointed to")?;
-                        TypeSpecKind::Ref(Box::new(self.type_spec()?))
+                        TypeSpecKind::Pointer(Box::new(self.type_spec()?))
                     }
                     "REFERENCE" => {
                         let problem = Problem::error(

@@ -221,6 +221,7 @@ impl Printer<'_> {
                 format!("STRUCT {overlap}{} END_STRUCT", fields.join(" "))
             }
             TypeSpecKind::Ref(to) => format!("REF_TO {}", self.type_spec(to)),
+            TypeSpecKind::Pointer(to) => format!("POINTER TO {}", self.type_spec(to)),
             TypeSpecKind::Inferred => "BOOL".to_owned(),
         }
     }

@@ -24,7 +24,9 @@ pub struct File {
 
 fn read(path: &Path) -> File {
     let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let is_codesys = path.file_stem().is_some_and(|stem| stem == "codesys");
+    let is_codesys = path
+        .file_stem()
+        .is_some_and(|stem| stem.to_string_lossy().starts_with("codesys"));
     let mut file = File {
         dialect: if is_codesys {
             Dialect::Codesys

@@ -21,6 +21,7 @@ mod marking_machine;
 mod namespaces;
 mod open_arrays;
 mod plcopen;
+mod pointers;
 mod properties;
 mod random_expressions;
 mod recursion;

@@ -52,6 +52,7 @@ impl Machine<'_> {
                     Scalar::Ref(Some(target)) => node = target,
                     _ => return self.trap(TrapKind::NullReference, place.span),
                 },
+                StepKind::Element(_) => return Err(Stop::Unknown("pointers")),
                 StepKind::Char(index) => {
                     let at = self.scalar(index, frame)?.int();
                     let len = self.memory.text(node).len();
