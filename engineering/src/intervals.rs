@@ -61,13 +61,32 @@ pub fn intervals(
                     )
                     .hint("correct it, or remove the interval"),
             );
-        } else if interval.rows.iter().any(Vec::is_empty) {
+            continue;
+        }
+        // Where the condition does not hold; unknown if that grows too large.
+        let otherwise = rows_of(
+            mc,
+            logic,
+            state.locate,
+            &format!("NOT ({})", spec.condition.get_ref()),
+        );
+        let leads_back = || {
+            let after = checkpoint(mc, spec, interval, logic, state.locate);
+            !after.is_empty()
+                && otherwise
+                    .as_ref()
+                    .is_some_and(|rows| overlap(rows, &[after]) == Satisfiable::No)
+        };
+        let always = otherwise.as_ref().is_some_and(Vec::is_empty);
+        if always || interval.rows.iter().any(Vec::is_empty) {
             problems.push(
                 cell.text
                     .warning("W803", spec.condition.span(), format!("{what}: the condition always holds"))
                     .hint("the MC can never be moved as planned, and every interruption runs the action"),
             );
-        } else if interval
+            continue;
+        }
+        if interval
             .rows
             .iter()
             .any(|row| row.iter().all(|m| m.holds(state.initial)))
@@ -80,6 +99,18 @@ pub fn intervals(
                         format!("{what}: the initial state is critical"),
                     )
                     .hint("an MC usually starts where its process is known"),
+            );
+        }
+        if leads_back() {
+            problems.push(
+                cell.text
+                    .warning(
+                        "W814",
+                        spec.condition.span(),
+                        format!("{what}: the checkpoint state is critical itself"),
+                    )
+                    .expected("a checkpoint state outside of the interval, from which the normal logic goes on")
+                    .hint("correct the checkpoint state or the condition: after its recovery the MC would stand in the interval again"),
             );
         }
     }
@@ -117,6 +148,33 @@ fn interval(
         rows: rows.filter(|_| complete)?,
         overlay,
     })
+}
+
+/// Rows of a condition that is known to be good, `None` if masks cannot say it.
+fn rows_of(mc: &McSpec, logic: &Logic, locate: Locate<'_>, text: &str) -> Option<Vec<Vec<Mask>>> {
+    let program = Some(mc.program.get_ref().as_str());
+    let expr = check_expression(&logic.typed, program, "", text).ok()?;
+    masks(&logic.typed, &expr, locate).ok()
+}
+
+/// What the checkpoint state says, each variable as a mask.
+fn checkpoint(
+    mc: &McSpec,
+    spec: &IntervalSpec,
+    interval: &Interval,
+    logic: &Logic,
+    locate: Locate<'_>,
+) -> Vec<Mask> {
+    spec.checkpoint_state
+        .iter()
+        .zip(&interval.overlay)
+        .filter_map(|((name, _), overlay)| {
+            let equals = format!("{} = {}", name.get_ref(), overlay.value);
+            let rows = rows_of(mc, logic, locate, &equals)?;
+            <[Vec<Mask>; 1]>::try_from(rows).ok()
+        })
+        .flat_map(|[row]| row)
+        .collect()
 }
 
 fn rows(

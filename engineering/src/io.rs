@@ -285,7 +285,7 @@ fn fits_point(point: &FieldPoint, l: &Located) -> Result<(), String> {
     }
 }
 
-fn registers(place: Place) -> u32 {
+pub(crate) fn registers(place: Place) -> u32 {
     match place {
         Place::Bit { .. } => 1,
         Place::Bytes { width, .. } => u32::from(width).div_ceil(2),
@@ -466,68 +466,7 @@ fn export(
     })
 }
 
-/// Each field point has one writer: reports two, with both named.
-pub fn two_writers(cell: &Cell, images: &[Option<Image>], problems: &mut Vec<Diagnostic>) {
-    // One entry for each bit or register that is written.
-    let mut writers: BTreeMap<(&str, FieldPoint), String> = BTreeMap::new();
-    for (mc, image) in cell.mcs.iter().zip(images) {
-        let Some(gateway) = &mc.gateway else { continue };
-        for output in &mc.outputs {
-            let Some(field) = &output.field else { continue };
-            let place = image.as_ref().and_then(|i| {
-                let found = i
-                    .outputs
-                    .iter()
-                    .find(|(l, ..)| key(&l.name) == key(output.name.get_ref()));
-                found.map(|(l, ..)| l.place)
-            });
-            let own = format!("output {} of MC {}", output.name.get_ref(), mc.mc);
-            let mut first: Option<String> = None;
-            for point in written(field.get_ref(), place) {
-                let other = writers
-                    .entry((gateway.as_str(), point))
-                    .or_insert_with(|| own.clone());
-                if *other != own {
-                    first.get_or_insert_with(|| other.clone());
-                }
-            }
-            if let Some(other) = first {
-                let message = format!(
-                    "`{}` has two writers: {other} and {own}",
-                    points::point_text(field.get_ref())
-                );
-                problems.push(
-                    cell.text
-                        .error("M317", field.span(), message)
-                        .expected("one writer for each output of the field")
-                        .hint("let one MC write it, and export to it what the other one wants"),
-                );
-            }
-        }
-    }
-}
-
-/// All points that a write to `point` reaches.
-fn written(point: &FieldPoint, place: Option<Place>) -> Vec<FieldPoint> {
-    match point {
-        FieldPoint::Modbus {
-            unit,
-            table: ModbusTable::HoldingRegister,
-            address,
-        } => (0..place.map_or(1, registers))
-            .filter_map(|n| {
-                Some(FieldPoint::Modbus {
-                    unit: *unit,
-                    table: ModbusTable::HoldingRegister,
-                    address: u16::try_from(u32::from(*address) + n).ok()?,
-                })
-            })
-            .collect(),
-        other => vec![other.clone()],
-    }
-}
-
 /// How names are compared: without regard to case, and to blanks between indices.
-fn key(name: &str) -> String {
+pub(crate) fn key(name: &str) -> String {
     name.replace(' ', "").to_ascii_uppercase()
 }

@@ -41,6 +41,7 @@ pub mod reload;
 pub mod show;
 mod staged;
 mod values;
+mod writers;
 
 pub use build::{BuiltCell, BuiltMc, build, build_model};
 pub use control::{ControlLayout, ControlState};

@@ -4,6 +4,7 @@ use crate::files::ModelFiles;
 use crate::generate::{Names, Target};
 use crate::model::{Cell, McSpec};
 use crate::problem::{Explain, suggestion};
+use fam_soft_plc::check::lint::may_be_written;
 use fam_soft_plc::check::tree::{PouId, Root, TypedProject, VarId, visit_places};
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
@@ -277,21 +278,30 @@ fn action(
             "an action reads and writes global variables through VAR_EXTERNAL".into(),
         );
     }
-    let end =
-        vars().find(|v| v.name.eq_ignore_ascii_case("end") && v.section == VarSection::Output);
-    match end {
+    let end = found.vars.iter().copied().find(|v| {
+        let var = typed.var(*v);
+        var.name.eq_ignore_ascii_case("end") && var.section == VarSection::Output
+    });
+    match end.map(|id| (id, typed.var(id))) {
         None => error(
             "M506",
             format!("{what}: the {role} `{name}` has no output `end`"),
             "add `VAR_OUTPUT end : BOOL; END_VAR`; it says when the action is over".into(),
         ),
-        Some(end) if typed.types.elem(end.ty) != Some(Elem::Bool) => error(
+        Some((_, end)) if typed.types.elem(end.ty) != Some(Elem::Bool) => error(
             "M506",
             format!(
                 "{what}: the output `end` of the {role} `{name}` is {}",
                 typed.type_name(end.ty)
             ),
             "make it BOOL; it says when the action is over".into(),
+        ),
+        Some((id, end)) if end.init.is_none() && !may_be_written(typed, id) => error(
+            "M514",
+            format!(
+                "{what}: the {role} `{name}` never sets its output `end`: it would run for ever"
+            ),
+            "assign it where the action is over, such as `end := InPosition;`".into(),
         ),
         Some(_) => {}
     }

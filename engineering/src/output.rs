@@ -14,7 +14,7 @@ use crate::files::ModelAt;
 use crate::generate::Target;
 use crate::generate::standard::standard;
 use crate::plcopen::{diagnosis_file, project_xml};
-use crate::problem::Problems;
+use crate::problem::{Explain, Problems, file_error};
 use crate::staged::Staged;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -51,6 +51,7 @@ pub fn write<'a>(
     dir: &Path,
 ) -> Result<(Vec<PathBuf>, BuiltCell), Problems> {
     let model = model.into();
+    beside(model, dir)?;
     let plain = convert(model, "cell.toml", &Form::Toml)?;
     let mut staged = Staged::new(dir)?;
     for (name, text) in plain.files {
@@ -59,6 +60,29 @@ pub fn write<'a>(
     let built = build_for(model, target)?;
     each_file(&built, target, &mut |name, text| staged.add(name, &text))?;
     Ok((staged.deliver()?, built))
+}
+
+/// What is generated never takes the place of what it is generated from.
+fn beside(model: ModelAt<'_>, dir: &Path) -> Result<(), Problems> {
+    let own = match model.file.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let Ok(own) = own.canonicalize() else {
+        return Ok(()); // there is no model, which its reader says
+    };
+    let taken = [dir.to_owned(), dir.join("model")];
+    if taken
+        .iter()
+        .any(|d| d.canonicalize().is_ok_and(|d| d == own))
+    {
+        let message =
+            "the model stands here itself: generated files would replace its own".to_owned();
+        return Err(Problems::one(file_error("M602", dir, message).hint(
+            "give a folder for generated files alone, such as `--out out`",
+        )));
+    }
+    Ok(())
 }
 
 /// The generated files of a cell, without its model.

@@ -248,7 +248,7 @@ fn what_is_worth_a_look_is_a_warning() {
                 "condition = \"step = 10\"",
                 "condition = \"step = 10 OR step <> 10\"".to_owned(),
             )],
-            "warning[W804]: critical interval Pressing of MC Press: the initial state is critical",
+            "warning[W803]: critical interval Pressing of MC Press: the condition always holds",
         ),
         (
             vec![(

@@ -55,6 +55,30 @@ fn a_failure_leaves_the_folder_as_it_was() {
 }
 
 #[test]
+fn the_model_is_never_replaced_by_what_is_generated_from_it() {
+    let (cell, built) = changed(&[]);
+    built.expect("the cell is sound");
+    let before = tree(cell.path());
+    for place in [".", "sub/..", "sub/../sub/.."] {
+        std::fs::create_dir_all(cell.path().join("sub")).unwrap();
+        let Err(problems) = write(
+            &cell.path().join("cell.toml"),
+            Target::Fam,
+            &cell.path().join(place),
+        ) else {
+            panic!("{place}: it was written over the model");
+        };
+        assert!(problems.to_string().contains("M602"), "{problems}");
+    }
+    // The model among generated files is one as well.
+    let out = cell.path().join("out");
+    write(&cell.path().join("cell.toml"), Target::Fam, &out).expect("a folder of its own");
+    assert!(write(&out.join("model/cell.toml"), Target::Fam, &out).is_err());
+    std::fs::remove_dir_all(&out).unwrap();
+    assert_eq!(tree(cell.path()), before);
+}
+
+#[test]
 fn what_is_in_the_way_is_named_before_anything_is_written() {
     let out = tempfile::tempdir().unwrap();
     let way = out.path().join("agents.toml");

@@ -24,6 +24,7 @@ use crate::model::open::{Opened, open};
 use crate::model::{Cell, McSpec, resolve};
 use crate::narrow::narrowed;
 use crate::problem::{Explain, Problems};
+use crate::writers::two_writers;
 use fam_proto::model::CellModel;
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
@@ -101,7 +102,7 @@ pub fn build_for<'a>(model: impl Into<ModelAt<'a>>, target: Target) -> Result<Bu
         backs.push(part.back);
     }
     logic::shared_globals(&cell, &logics, &mut problems);
-    io::two_writers(&cell, &images, &mut problems);
+    two_writers(&cell, &images, &mut problems);
     let points: Vec<_> = (0..cell.mcs.len())
         .map(|index| io::connect(&cell, index, &images, &mut problems))
         .collect();

@@ -126,6 +126,7 @@ impl<'a> Reader<'a> {
             self.outputs_of(mc);
         }
         let hosts = self.hosting(&controllers, &mcs);
+        self.links_without_meaning(&controllers, &mcs);
         let hierarchy = *self.caex().hierarchies.first()?;
         let cell = match cells.first() {
             Some(cell) => self.cell_table(cell, &controllers),
@@ -291,6 +292,43 @@ impl<'a> Reader<'a> {
             Some(Spanned::new(text.span(), uri.fragment?))
         });
         fragment.unwrap_or_else(|| self.name(interface))
+    }
+
+    /// Links of FAM's own interfaces with what they cannot be joined with: without a word they would be lost.
+    fn links_without_meaning(&mut self, controllers: &[&Part], mcs: &[&Part]) {
+        let instances = |parts: &[&Part]| -> BTreeSet<InstanceId> {
+            parts.iter().map(|p| p.instance()).collect()
+        };
+        let (of_controllers, of_mcs) = (instances(controllers), instances(mcs));
+        let mut wrong = Vec::new();
+        for part in controllers.iter().chain(mcs) {
+            for interface in self.caex().interfaces(part) {
+                let own = self.side(part, &interface);
+                let partners = self.links.partners(&own);
+                if self.is_interface(&interface, "Hosting") {
+                    let is_pair = |other: &Side| {
+                        let (a, b) = (&own.element, &other.element);
+                        (of_controllers.contains(a) && of_mcs.contains(b))
+                            || (of_mcs.contains(a) && of_controllers.contains(b))
+                    };
+                    if !partners.iter().all(is_pair) {
+                        wrong.push((part, interface, "a controller and an MC"));
+                    }
+                } else if self.is_interface(&interface, "Output")
+                    && partners.iter().any(|p| self.exports.contains_key(p))
+                {
+                    wrong.push((part, interface, "an Output with an Input or a field point"));
+                }
+            }
+        }
+        for (part, interface, expected) in wrong {
+            let of = self.name(part).into_inner();
+            let name = self.name(&interface).into_inner();
+            let message = format!("`{name}` of {of} is linked with what it cannot be joined with");
+            let problem = self.values.error("M815", interface.at.clone(), message);
+            problem.expected = Some(format!("a link that joins {expected}"));
+            problem.hint = Some("correct the sides of its InternalLink, or remove that".to_owned());
+        }
     }
 
     /// Controllers of each MC: joined by links, or holding a mirror object of it.

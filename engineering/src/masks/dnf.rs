@@ -56,7 +56,8 @@ impl Formula {
             holds: true,
             fails: false,
         };
-        Ok(self.expand(wanted)?.holds.unwrap_or_default())
+        // A condition of one comparison has been through neither a product nor a union.
+        simplified(self.expand(wanted)?.holds.unwrap_or_default())
     }
 
     /// Each part is expanded once, however deep it lies, and only what is asked for: a negation may be far larger.
@@ -266,6 +267,36 @@ mod tests {
             Ok(1)
         );
         assert_eq!(count(&exclusive(bit(0), bit(1))), Ok(2));
+    }
+
+    #[test]
+    fn one_comparison_that_never_holds_has_no_rows() {
+        let never = |operator, right| {
+            Formula::Mask(Mask {
+                left: MaskVariable {
+                    offset: 0,
+                    of: MaskType::Signed(2),
+                },
+                bits: u64::MAX,
+                operator,
+                right,
+            })
+        };
+        let itself = MaskOperand::Variable(MaskVariable {
+            offset: 0,
+            of: MaskType::Signed(2),
+        });
+        for formula in [
+            never(MaskOperator::Equal, MaskOperand::Integer(100_000)),
+            never(MaskOperator::Less, MaskOperand::Integer(-32_768)),
+            never(MaskOperator::Less, itself),
+            not(never(
+                MaskOperator::LessOrEqual,
+                MaskOperand::Integer(32_767),
+            )),
+        ] {
+            assert_eq!(formula.rows(), Ok(Vec::new()), "{formula:?}");
+        }
     }
 
     #[test]

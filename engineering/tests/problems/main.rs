@@ -9,6 +9,7 @@ mod cases;
 use fam_engineering::build::build_for;
 use fam_engineering::files::ModelAt;
 use fam_engineering::generate::Target;
+use fam_engineering::output::write;
 use fam_engineering::{DeploymentFile, Problems, build, write_projects};
 use fam_soft_plc::diag::{Diagnostic, Severity};
 use std::collections::BTreeSet;
@@ -123,6 +124,14 @@ fn files() -> Vec<(String, Vec<Diagnostic>)> {
         let found = write_projects(&built, &at(place)).expect_err(name).list;
         all.push((format!("file: {name}"), relative(found, dir.path())));
     }
+    let Err(Problems { list }) = write(&at("cell.toml"), Target::Fam, dir.path()) else {
+        panic!("the model was written over");
+    };
+    let list = list.into_iter().map(|d| Diagnostic {
+        file: ".".into(),
+        ..d
+    });
+    all.push(("file: a folder that holds the model".into(), list.collect()));
     all
 }
 

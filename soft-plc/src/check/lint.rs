@@ -65,6 +65,35 @@ fn uses(body: &[Stmt]) -> (BTreeSet<VarId>, BTreeSet<VarId>) {
     (seen.into_keys().collect(), written)
 }
 
+/// Variables that the project mentions, and those that it writes, as far as its statements tell.
+fn used(project: &TypedProject) -> (BTreeSet<VarId>, BTreeSet<VarId>) {
+    let mut seen = BTreeSet::new();
+    let mut written = BTreeSet::new();
+    for pou in &project.pous {
+        let (s, w) = uses(&pou.body);
+        seen.extend(s);
+        written.extend(w);
+        // Members of instances are reached from outside.
+        visit(&pou.body, &mut |node| {
+            if let Node::Place(place) = node {
+                for step in &place.steps {
+                    if let StepKind::Member(id) = step.kind {
+                        seen.insert(id);
+                        written.insert(id);
+                    }
+                }
+            }
+        });
+    }
+    (seen, written)
+}
+
+/// Whether some statement may give the variable a value; without one it keeps its initial value for ever.
+#[must_use]
+pub fn may_be_written(project: &TypedProject, var: VarId) -> bool {
+    used(project).1.contains(&var)
+}
+
 impl Linter<'_> {
     fn warn(&mut self, code: &'static str, span: Span, pou: &str, message: String, hint: &str) {
         self.problems
@@ -191,24 +220,7 @@ impl Linter<'_> {
 
     /// Variables that nothing mentions, and those that are read but never written.
     fn unused(&mut self) {
-        let mut seen = BTreeSet::new();
-        let mut written = BTreeSet::new();
-        for pou in &self.project.pous {
-            let (s, w) = uses(&pou.body);
-            seen.extend(s);
-            written.extend(w);
-            // Members of instances are reached from outside.
-            visit(&pou.body, &mut |node| {
-                if let Node::Place(place) = node {
-                    for step in &place.steps {
-                        if let StepKind::Member(id) = step.kind {
-                            seen.insert(id);
-                            written.insert(id);
-                        }
-                    }
-                }
-            });
-        }
+        let (seen, written) = used(self.project);
         for (index, var) in self.project.vars.iter().enumerate() {
             let id = VarId(index as u32);
             let Some(owner) = var.owner else { continue };

@@ -256,6 +256,29 @@ pub const CASES: &[Case] = &[
         )],
     ),
     (
+        "an MC that hosts itself",
+        &[
+            (
+                AML,
+                "<ExternalInterface Name=\"Go\" ID=\"a-go\"",
+                "<ExternalInterface Name=\"Hosting\" ID=\"a-host\" RefBaseClassPath=\"FAMInterfaceClassLib/Hosting\" />\n      <ExternalInterface Name=\"Go\" ID=\"a-go\"",
+            ),
+            (
+                AML,
+                "<InternalLink Name=\"go\"",
+                "<InternalLink Name=\"self\" RefPartnerSideA=\"a-host\" RefPartnerSideB=\"a-host\" />\n      <InternalLink Name=\"go\"",
+            ),
+        ],
+    ),
+    (
+        "two outputs that are joined",
+        &[(
+            AML,
+            "<InternalLink Name=\"go\"",
+            "<InternalLink Name=\"out\" RefPartnerSideA=\"a-lamp\" RefPartnerSideB=\"a-lamp\" />\n      <InternalLink Name=\"go\"",
+        )],
+    ),
+    (
         "no worst case",
         &[(AML, "Name=\"worstCaseLoad\"", "Name=\"worst\"")],
     ),

@@ -67,6 +67,33 @@ pub const CASES: &[Case] = &[
         ],
     ),
     (
+        "action that never ends",
+        &[("a.st", "    end := TRUE;\n", "")],
+    ),
+    (
+        "always true of its type",
+        &[(
+            CELL,
+            "condition = \"step = 5\"",
+            "condition = \"step <= 32767\"",
+        )],
+    ),
+    (
+        "checkpoint state in the interval",
+        &[(CELL, "step = 0", "step = 5")],
+    ),
+    (
+        "checkpoint state in a wider interval",
+        &[
+            (
+                CELL,
+                "condition = \"step = 5\"",
+                "condition = \"step > 3 AND step < 9 OR step = 12\"",
+            ),
+            (CELL, "step = 0", "step = 8"),
+        ],
+    ),
+    (
         "program of an action",
         &[
             (

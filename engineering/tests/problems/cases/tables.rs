@@ -182,6 +182,33 @@ pub const CASES: &[Case] = &[
         ],
     ),
     (
+        "two gateways to one device",
+        &[
+            (
+                CELL,
+                "driver = \"image\"\n",
+                "driver = \"modbus\"\naddress = \"localhost:1502\"\n[[gateway]]\nname = \"second\"\ndriver = \"modbus\"\naddress = \"127.0.0.1:01502\"\n",
+            ),
+            (CELL, "\"image:Go\"", "\"modbus:1/discrete/0\""),
+            (CELL, "\"image:Lamp\"", "\"modbus:1/coil/0\""),
+            (
+                "b.st",
+                "END_VAR\nPROGRAM",
+                "    Other AT %QX0.0 : BOOL;\nEND_VAR\nPROGRAM",
+            ),
+            (
+                CELL,
+                "logic = [\"b.st\"]\ngateway = \"gate\"",
+                "logic = [\"b.st\"]\ngateway = \"second\"",
+            ),
+            (
+                CELL,
+                "Seen = \"mc:A.Lamp\"",
+                "Seen = \"mc:A.Lamp\"\n[mc.outputs]\nOther = { field = \"modbus:1/coil/0\", fail_safe = false }",
+            ),
+        ],
+    ),
+    (
         "address without variable",
         &[("b.st", "    IF Seen", "    %QX0.7 := TRUE;\n    IF Seen")],
     ),
