@@ -147,15 +147,6 @@ impl Calls {
             I::LocalGet(ENTRY),
             I::I32Load(at(0, 2)),
             I::LocalSet(BEGIN),
-            // The length is no variable: what is copied or cleared over it takes care of itself.
-            I::LocalGet(0),
-            I::LocalGet(BEGIN),
-            I::I32Const(4),
-            I::I32Add,
-            I::I32LtU,
-            I::If(BlockType::Empty),
-            I::Return,
-            I::End,
             I::LocalGet(KIND),
             I::I32Const(1),
             I::I32And,
@@ -172,7 +163,8 @@ impl Calls {
             I::LocalGet(WIDE),
             I::I32ShrU,
             I::LocalTee(INDEX),
-            // At its end a string has a 0, and nothing else fits there.
+            // At its end a string has a 0, and nothing else fits there. Its length, which lies before the characters, is no
+            // variable (as a number without sign the index is large): what is copied or cleared over it takes care of itself.
             I::LocalGet(CAPACITY),
             I::I32GeU,
             I::If(BlockType::Empty),
