@@ -6,6 +6,7 @@ use super::instances::Instances;
 use super::library::{Caex, InstanceId, Part};
 use super::links::{Links, Side, side};
 use super::logic_reference::LogicFiles;
+use super::unread::{self, Seen};
 use super::uri;
 use super::values::{MEGABITS, MEGABYTES, MILLISECONDS, PERCENT, PLAIN, Values};
 use crate::files::ModelFiles;
@@ -119,6 +120,15 @@ impl<'a> Reader<'a> {
         let gateways = self.of_role(all, "Gateway");
         let controllers = self.of_role(all, "Controller");
         let mcs = self.of_role(all, "MechatronicComponent");
+        for mc in &mcs {
+            if controllers.iter().any(|c| c.instance() == mc.instance()) {
+                let name = self.name(mc).into_inner();
+                let message = format!("{name} is a controller and a mechatronic component");
+                let problem = self.values.error("M816", mc.at.clone(), message);
+                problem.expected = Some("one of the two roles".to_owned());
+                problem.hint = Some("make two elements of it, joined by Hosting".to_owned());
+            }
+        }
         for gateway in &gateways {
             self.field_points(gateway, gateway.id, 0);
         }
@@ -143,6 +153,7 @@ impl<'a> Reader<'a> {
             Some(cell) => self.settings(cell),
             None => SettingsTable::default(),
         };
+        self.unread(&[&cells, &gateways, &controllers, &mcs]);
         let gateway_tables: Vec<Spanned<GatewayTable>> =
             gateways.iter().map(|g| self.gateway(g)).collect();
         let controller_tables = controllers.iter().map(|c| self.controller(c)).collect();
@@ -292,6 +303,38 @@ impl<'a> Reader<'a> {
             Some(Spanned::new(text.span(), uri.fragment?))
         });
         fragment.unwrap_or_else(|| self.name(interface))
+    }
+
+    /// Attributes of FAM's elements, their interfaces and critical intervals that nobody reads.
+    fn unread(&mut self, elements: &[&[&Part]]) {
+        let mut parts = Vec::new();
+        let mut add = |reader: &Self, name: String, part: &Part| {
+            for interface in reader.caex().interfaces(part) {
+                let classes = reader.caex().interface_classes(interface.id);
+                if classes.iter().any(|c| c.starts_with(INTERFACES)) {
+                    let own = reader.name(&interface).into_inner();
+                    parts.push(Seen {
+                        name: format!("{name}/{own}"),
+                        part: interface,
+                    });
+                }
+            }
+            parts.push(Seen {
+                name,
+                part: part.clone(),
+            });
+        };
+        for part in elements.iter().copied().flatten() {
+            let name = self.name(part).into_inner();
+            for inner in self.caex().elements(part) {
+                if self.has_role(&inner, "CriticalInterval") {
+                    let own = self.name(&inner).into_inner();
+                    add(self, format!("{name}/{own}"), &inner);
+                }
+            }
+            add(self, name, part);
+        }
+        unread::report(&mut self.values, &parts);
     }
 
     /// Links of FAM's own interfaces with what they cannot be joined with: without a word they would be lost.

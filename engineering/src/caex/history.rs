@@ -100,7 +100,7 @@ impl History {
 }
 
 /// The first names, and how many more.
-fn names<'a>(list: impl ExactSizeIterator<Item = &'a String>) -> String {
+pub fn names<'a>(list: impl ExactSizeIterator<Item = &'a String>) -> String {
     let more = list.len().saturating_sub(NAMES_MAX);
     let some: Vec<String> = list.take(NAMES_MAX).map(|n| format!("`{n}`")).collect();
     match more {

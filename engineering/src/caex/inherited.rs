@@ -125,7 +125,7 @@ impl Caex {
     }
 
     /// Objects whose attributes an object has: itself, its classes, its roles and their classes.
-    fn holders(&self, id: ObjectId) -> Vec<ObjectId> {
+    pub fn holders(&self, id: ObjectId) -> Vec<ObjectId> {
         let mut holders = vec![id];
         holders.extend(self.bases(id));
         let with_roles = holders.clone();

@@ -271,6 +271,42 @@ pub const CASES: &[Case] = &[
         ],
     ),
     (
+        "attributes that nobody reads",
+        &[
+            (
+                AML,
+                "Name=\"worstCaseLoad\" Unit=\"us\"><Value>10</Value></Attribute>",
+                "Name=\"worstCaseLoad\" Unit=\"us\"><Value>10</Value></Attribute>\n      <Attribute Name=\"critcality\"><Value>7</Value></Attribute>\n      <Attribute Name=\"Colour\"><Value>red</Value></Attribute>",
+            ),
+            (
+                AML,
+                "Name=\"failSafe\"><Value>false</Value></Attribute>",
+                "Name=\"failSafe\"><Value>false</Value></Attribute>\n        <Attribute Name=\"Exported\"><Value>true</Value></Attribute>\n        <Attribute Name=\"wire\"><Value>12</Value></Attribute>",
+            ),
+            (
+                AML,
+                "Name=\"kind\">",
+                "Name=\"repeatible\"><Value>true</Value></Attribute>\n        <Attribute Name=\"kind\">",
+            ),
+        ],
+    ),
+    (
+        "an attribute twice",
+        &[(
+            AML,
+            "<Attribute Name=\"hosts\">",
+            "<Attribute Name=\"hosts\"><Value>c1</Value></Attribute>\n      <Attribute Name=\"hosts\">",
+        )],
+    ),
+    (
+        "a controller that is an MC",
+        &[(
+            AML,
+            "    </InternalElement>\n  </InstanceHierarchy>",
+            "      <RoleRequirements RefBaseRoleClassPath=\"FAMRoleClassLib/Controller\" />\n    </InternalElement>\n  </InstanceHierarchy>",
+        )],
+    ),
+    (
         "two outputs that are joined",
         &[(
             AML,
