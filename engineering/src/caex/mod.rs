@@ -23,7 +23,7 @@ pub mod library;
 pub mod links;
 pub mod logic_reference;
 mod unread;
-mod uri;
+pub mod uri;
 pub mod values;
 pub mod write;
 pub mod zip;
