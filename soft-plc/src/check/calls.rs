@@ -320,16 +320,9 @@ impl Checker<'_> {
             .map(|p| self.var(*p).name.clone())
             .collect();
         let problem = match &arg.name {
-            Some(given)
-                if given.name.eq_ignore_ascii_case("EN")
-                    || given.name.eq_ignore_ascii_case("ENO") =>
-            {
-                Problem::error(
-                    "E417",
-                    at,
-                    "EN and ENO cannot stand in a call inside an expression",
-                )
-                .hint("make the call a statement of its own: `x := f(EN := c, ...)`")
+            Some(given) if is_enabling(&given.name) => {
+                self.report(enabling(at));
+                return;
             }
             Some(given) => {
                 let problem = Problem::error(
@@ -618,4 +611,19 @@ impl Checker<'_> {
         }
         (!failed).then_some(call)
     }
+}
+
+/// Whether a parameter is one that every call has (clause 6.6.1.8).
+pub(super) fn is_enabling(name: &str) -> bool {
+    name.eq_ignore_ascii_case("EN") || name.eq_ignore_ascii_case("ENO")
+}
+
+/// EN or ENO where only a statement could be left out.
+pub(super) fn enabling(at: Span) -> Problem {
+    Problem::error(
+        "E417",
+        at,
+        "EN and ENO cannot stand in a call inside an expression",
+    )
+    .hint("make the call a statement of its own: `x := f(EN := c, ...)`")
 }
