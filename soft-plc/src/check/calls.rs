@@ -20,6 +20,9 @@ impl Checker<'_> {
         expected: Option<TypeId>,
         span: Span,
     ) -> Expr {
+        if let Some(expr) = self.enabled_value(callee, args, expected, span) {
+            return expr;
+        }
         if let Some(call) = self.method_call(callee, args, span) {
             return self.method_value(call, span);
         }
@@ -320,10 +323,6 @@ impl Checker<'_> {
             .map(|p| self.var(*p).name.clone())
             .collect();
         let problem = match &arg.name {
-            Some(given) if is_enabling(&given.name) => {
-                self.report(enabling(at));
-                return;
-            }
             Some(given) => {
                 let problem = Problem::error(
                     "E409",
@@ -611,19 +610,4 @@ impl Checker<'_> {
         }
         (!failed).then_some(call)
     }
-}
-
-/// Whether a parameter is one that every call has (clause 6.6.1.8).
-pub(super) fn is_enabling(name: &str) -> bool {
-    name.eq_ignore_ascii_case("EN") || name.eq_ignore_ascii_case("ENO")
-}
-
-/// EN or ENO where only a statement could be left out.
-pub(super) fn enabling(at: Span) -> Problem {
-    Problem::error(
-        "E417",
-        at,
-        "EN and ENO cannot stand in a call inside an expression",
-    )
-    .hint("make the call a statement of its own: `x := f(EN := c, ...)`")
 }

@@ -120,6 +120,7 @@ pub fn evaluate(
             stdfun::evaluate(*fun, elem(expr)?, &args?)
         }
         ExprKind::Call(_)
+        | ExprKind::Enabled(_)
         | ExprKind::Text(_)
         | ExprKind::AddressOf(_)
         | ExprKind::AddressIf(..) => Err(Fault::Types),

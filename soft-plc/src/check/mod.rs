@@ -6,6 +6,7 @@ mod class;
 mod conditions;
 mod configured;
 mod declare;
+mod enable;
 mod expr;
 mod init;
 mod liberties;

@@ -1,6 +1,5 @@
 //! Calls of standard functions: conversions, operators in functional form, and the rest.
 
-use crate::check::calls::{enabling, is_enabling};
 use crate::check::expr::error_expr;
 use crate::check::stdfun::{self, Signature, StdFun};
 use crate::check::tree::{Expr, ExprKind, Limits};
@@ -122,10 +121,6 @@ impl Checker<'_> {
                     };
                     match known.or_else(numbered) {
                         Some(position) => position,
-                        None if is_enabling(&given.name) => {
-                            self.report(enabling(given.span));
-                            return None;
-                        }
                         None => {
                             let message = format!("{name} has no parameter `{}`", given.name);
                             self.report(

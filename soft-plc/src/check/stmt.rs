@@ -5,7 +5,6 @@ use crate::check::tree::{Expr, ExprKind, For, Root, Stmt, StmtKind};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{self, CaseLabel};
-use crate::syntax::build::At;
 use crate::types::{Elem, TypeId};
 use crate::value::Value;
 
@@ -26,75 +25,6 @@ impl Checker<'_> {
                 })
             })
             .collect()
-    }
-
-    /// A call with EN or ENO, alone or as the value of an assignment: it runs only if EN is true, and ENO tells whether it
-    /// did. `None` if the statement has neither; `Some(None)` after a mistake.
-    fn enabled_call(&mut self, stmt: &ast::Stmt) -> Option<Option<StmtKind>> {
-        let call = match &stmt.kind {
-            ast::StmtKind::Call(call) | ast::StmtKind::Assign(_, call) => call,
-            _ => return None,
-        };
-        let ast::ExprKind::Call(callee, args) = &call.kind else {
-            return None;
-        };
-        let named = |arg: &ast::Arg, name: &str| {
-            arg.name
-                .as_ref()
-                .is_some_and(|n| n.name.eq_ignore_ascii_case(name))
-        };
-        let special = |arg: &&ast::Arg| named(arg, "EN") || named(arg, "ENO");
-        if !args.iter().any(|a| special(&a)) || self.declares_enable(callee) {
-            return None;
-        }
-        let rest: Vec<ast::Arg> = args.iter().filter(|a| !special(a)).cloned().collect();
-        let plain = ast::Expr {
-            kind: ast::ExprKind::Call(callee.clone(), rest),
-            span: call.span,
-        };
-        let inner = match &stmt.kind {
-            ast::StmtKind::Assign(target, _) => ast::StmtKind::Assign(target.clone(), plain),
-            _ => ast::StmtKind::Call(plain),
-        };
-        let at = At(stmt.span);
-        let value = |name: &str| {
-            args.iter()
-                .find(|a| named(a, name))
-                .and_then(|a| a.value.clone())
-        };
-        let mut on = vec![at.stmt(inner)];
-        let mut off = Vec::new();
-        if let Some(eno) = value("ENO") {
-            on.push(at.assign(eno.clone(), at.bool(true)));
-            off.push(at.assign(eno, at.bool(false)));
-        }
-        let enable = value("EN").unwrap_or(at.bool(true));
-        let whole = at.stmt(ast::StmtKind::If(vec![(enable, on)], off));
-        Some(self.stmt(&whole))
-    }
-
-    /// Whether the called POU declares EN itself.
-    fn declares_enable(&mut self, callee: &ast::Expr) -> bool {
-        let pou = match &callee.kind {
-            ast::ExprKind::Name(name) if self.find_var(name).is_none() => {
-                self.find_declared_pou(name)
-            }
-            _ => {
-                let before = self.problems.len();
-                let place = self.place(callee);
-                self.problems.truncate(before);
-                match place.map(|p| self.types.kind(p.ty).clone()) {
-                    Some(crate::types::TypeKind::FunctionBlock(pou)) => Some(pou),
-                    _ => None,
-                }
-            }
-        };
-        pou.is_some_and(|pou| {
-            self.pou(pou)
-                .vars
-                .iter()
-                .any(|v| self.var(*v).name.eq_ignore_ascii_case("EN"))
-        })
     }
 
     /// `r ?= x`: a reference to an instance of the right kind, else NULL.
@@ -126,7 +56,7 @@ impl Checker<'_> {
         Some(StmtKind::Assign(place, checked))
     }
 
-    fn stmt(&mut self, stmt: &ast::Stmt) -> Option<StmtKind> {
+    pub(super) fn stmt(&mut self, stmt: &ast::Stmt) -> Option<StmtKind> {
         match &stmt.kind {
             ast::StmtKind::Empty => None,
             ast::StmtKind::Assign(target, value) => self.assign(target, value),
@@ -184,7 +114,7 @@ impl Checker<'_> {
         inside
     }
 
-    fn condition(&mut self, expr: &ast::Expr) -> Expr {
+    pub(super) fn condition(&mut self, expr: &ast::Expr) -> Expr {
         let typed = self.expr(expr, Some(TypeId::BOOL));
         if typed.ty != TypeId::ERROR && typed.ty != TypeId::BOOL {
             let same = self.types.elem(typed.ty) == Some(Elem::Bool);

@@ -457,6 +457,19 @@ pub enum ExprKind {
     Check(Box<Expr>, Limits),
     Std(StdFun, Vec<Expr>),
     Call(Box<FunctionCall>),
+    Enabled(Box<Enabled>),
+}
+
+/// A call with EN inside an expression, and what tells its ENO.
+#[derive(Clone, Debug)]
+pub struct Enabled {
+    pub condition: Expr,
+    pub value: Expr,
+    /// Runs after the call.
+    pub on: Vec<Stmt>,
+    /// The value if the call does not run.
+    pub otherwise: Expr,
+    pub off: Vec<Stmt>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]

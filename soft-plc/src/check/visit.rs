@@ -92,6 +92,13 @@ fn expr(at: &Expr, f: &mut dyn FnMut(Node<'_>)) {
         }
         ExprKind::Std(_, args) => args.iter().for_each(|e| expr(e, f)),
         ExprKind::Call(inner) => call(inner, f),
+        ExprKind::Enabled(inner) => {
+            [&inner.condition, &inner.value, &inner.otherwise]
+                .into_iter()
+                .for_each(|e| expr(e, f));
+            visit(&inner.on, f);
+            visit(&inner.off, f);
+        }
     }
 }
 

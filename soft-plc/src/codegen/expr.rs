@@ -5,7 +5,7 @@ use wasm_encoder::{BlockType, Ieee32, Ieee64, Instruction as I, ValType};
 use super::SiteKind;
 use super::dispatch::tag_of;
 use super::fun::{Fun, mem, val};
-use crate::check::tree::{Expr, ExprKind, Limits, PouId, StepKind};
+use crate::check::tree::{Enabled, Expr, ExprKind, Limits, PouId, StepKind};
 use crate::source::Span;
 use crate::syntax::ast::{BinOp, UnOp};
 use crate::types::Elem;
@@ -42,6 +42,15 @@ impl Fun<'_, '_> {
             }
             ExprKind::Std(fun, args) => self.standard(*fun, args, self.elem(expr.ty), expr.span),
             ExprKind::Call(call) => self.function_call(call),
+            ExprKind::Enabled(inner) => {
+                let local = self.temp(val(self.elem(expr.ty)));
+                self.enabled(inner, |f, value| {
+                    f.expr(value);
+                    f.i(I::LocalSet(local));
+                });
+                self.i(I::LocalGet(local));
+                self.release(local);
+            }
             ExprKind::AddressOf(place) => {
                 self.reads = true;
                 self.push_full_address(place);
@@ -51,6 +60,22 @@ impl Fun<'_, '_> {
             // Strings have their own way (`text`).
             ExprKind::Text(_) => self.i(I::I32Const(0)),
         }
+    }
+
+    /// A call with EN: `keep` evaluates the value and puts it where both ways leave it.
+    pub fn enabled(&mut self, inner: &Enabled, keep: impl Fn(&mut Self, &Expr)) {
+        self.expr(&inner.condition);
+        self.open(I::If(BlockType::Empty));
+        self.aside(|f| {
+            keep(f, &inner.value);
+            f.stmts(&inner.on);
+        });
+        self.i(I::Else);
+        self.aside(|f| {
+            keep(f, &inner.otherwise);
+            f.stmts(&inner.off);
+        });
+        self.close();
     }
 
     /// Pushes the address of an instance if it is of one of the function blocks, else 0.

@@ -43,6 +43,20 @@ impl Fun<'_, '_> {
             }
             ExprKind::Call(call) => self.text_call(call),
             ExprKind::Std(fun, args) => self.text_standard(*fun, args, expr),
+            ExprKind::Enabled(inner) => {
+                let view = View {
+                    ptr: self.temp(ValType::I32),
+                    len: self.temp(ValType::I32),
+                };
+                self.enabled(inner, |f, value| {
+                    f.text(value);
+                    f.i(I::LocalSet(view.len));
+                    f.i(I::LocalSet(view.ptr));
+                });
+                self.push_view(view);
+                self.release(view.len);
+                self.release(view.ptr);
+            }
             _ => {
                 self.i(I::I32Const(0));
                 self.i(I::I32Const(0));
@@ -433,6 +447,7 @@ impl Fun<'_, '_> {
                 _ if types.text(args[0].ty).is_some() => self.most(&args[0]),
                 _ => 0,
             },
+            ExprKind::Enabled(inner) => self.most(&inner.value),
             _ => 0,
         };
         declared.max(led_to.min(STRING_LEN_MAX))
@@ -616,13 +631,16 @@ fn reads_variable(expr: &Expr) -> bool {
                 StdFun::Concat | StdFun::Insert | StdFun::Delete | StdFun::Replace | StdFun::ToText
             ) && args.iter().any(reads_variable)
         }
+        ExprKind::Enabled(inner) => reads_variable(&inner.value),
         _ => false,
     }
 }
 
-/// Whether evaluating it runs a function of the project, which may write variables.
+/// Whether evaluating it may write variables: it runs a function of the project, or tells an ENO.
 pub fn calls(expr: &Expr) -> bool {
     let mut found = false;
-    visit_nodes(expr, &mut |node| found |= matches!(node, Node::Call(_)));
+    visit_nodes(expr, &mut |node| {
+        found |= matches!(node, Node::Call(_) | Node::Stmt(_));
+    });
     found
 }

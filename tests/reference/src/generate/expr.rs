@@ -580,7 +580,31 @@ impl World {
         } else {
             "function call in an expression"
         });
-        self.call_text(scope, &name, &callable, depth)
+        let call = self.call_text(scope, &name, &callable, depth)?;
+        Some(self.enabled(scope, call, &name, 15))
+    }
+
+    /// At times with EN and ENO.
+    pub fn enabled(
+        &mut self,
+        scope: &mut Scope,
+        call: String,
+        name: &str,
+        percent: usize,
+    ) -> String {
+        let formal = call.contains(" := ") || call.contains("=>") || call.ends_with("()");
+        if !formal || !self.random.chance(percent) {
+            return call;
+        }
+        let target = self.place(scope, 0, |l| l.write && l.ty == Ty::El(Elem::Bool));
+        let Some((eno, _)) = target else {
+            return call;
+        };
+        self.note("EN, ENO");
+        let enable = self.elem_expr(scope, Elem::Bool, 1);
+        let args = &call[name.len() + 1..call.len() - 1];
+        let comma = if args.is_empty() { "" } else { ", " };
+        format!("{name}(EN := {enable}{comma}{args}, ENO => {eno})")
     }
 
     /// Methods that can be called, with what stands before their name.

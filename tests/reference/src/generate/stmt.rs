@@ -428,7 +428,8 @@ impl World {
             callable.inputs.truncate(keep);
         }
         if let Some(call) = self.call_text(scope, &text, &callable, 2) {
-            out.push(self.enabled(scope, call, &text));
+            let call = self.enabled(scope, call, &text, 20);
+            out.push(Piece::line(format!("{call};")));
         }
     }
 
@@ -445,27 +446,9 @@ impl World {
         let (name, callable) = self.random.one(&list).clone();
         if let Some(call) = self.call_text(scope, &name, &callable, 2) {
             self.note("call as a statement");
-            out.push(self.enabled(scope, call, &name));
+            let call = self.enabled(scope, call, &name, 20);
+            out.push(Piece::line(format!("{call};")));
         }
-    }
-
-    /// At times with EN and ENO.
-    fn enabled(&mut self, scope: &mut Scope, call: String, name: &str) -> Piece {
-        let formal = call.contains(" := ") || call.contains("=>") || call.ends_with("()");
-        if !formal || self.random.chance(80) {
-            return Piece::line(format!("{call};"));
-        }
-        let target = self.place(scope, 0, |l| l.write && l.ty == Ty::El(Elem::Bool));
-        let Some((eno, _)) = target else {
-            return Piece::line(format!("{call};"));
-        };
-        self.note("EN, ENO");
-        let enable = self.elem_expr(scope, Elem::Bool, 1);
-        let args = &call[name.len() + 1..call.len() - 1];
-        let comma = if args.is_empty() { "" } else { ", " };
-        Piece::line(format!(
-            "{name}(EN := {enable}{comma}{args}, ENO => {eno});"
-        ))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use fam_soft_plc::TrapKind;
 use fam_soft_plc::check::stdfun::{Signature, StdFun};
-use fam_soft_plc::check::tree::{Expr, ExprKind, FunctionCall, Limits};
+use fam_soft_plc::check::tree::{Enabled, Expr, ExprKind, FunctionCall, Limits};
 use fam_soft_plc::syntax::ast::BinOp;
 use fam_soft_plc::types::{Elem, TypeKind};
 
@@ -81,6 +81,7 @@ impl Machine<'_> {
                 Data::Scalar(value) => Ok(value),
                 _ => Err(Stop::Unknown("a result of another kind")),
             },
+            ExprKind::Enabled(inner) => self.enabled(inner, frame, Self::scalar),
             ExprKind::AddressOf(place) => Ok(Scalar::Ref(Some(self.spot(place, frame)?.node))),
             ExprKind::AddressIf(inner, accepted) => {
                 let value = self.scalar(inner, frame)?;
@@ -95,6 +96,23 @@ impl Machine<'_> {
             }
             ExprKind::Text(_) => Err(Stop::Unknown("a string as a number")),
         }
+    }
+
+    /// A call with EN: it runs or its value is the initial one, and ENO is told which.
+    fn enabled<R>(
+        &mut self,
+        call: &Enabled,
+        frame: &mut Frame,
+        evaluate: fn(&mut Self, &Expr, &mut Frame) -> Run<R>,
+    ) -> Run<R> {
+        let (value, tell) = if self.scalar(&call.condition, frame)?.is_true() {
+            (&call.value, &call.on)
+        } else {
+            (&call.otherwise, &call.off)
+        };
+        let result = evaluate(self, value, frame)?;
+        self.stmts(tell, frame)?;
+        Ok(result)
     }
 
     pub(super) fn standard(
@@ -158,6 +176,7 @@ impl Machine<'_> {
                 _ => Err(Stop::Unknown("a result of another kind")),
             },
             ExprKind::Std(fun, args) => self.text_function(*fun, args, expr, frame),
+            ExprKind::Enabled(inner) => self.enabled(inner, frame, Self::text),
             _ => Err(Stop::Unknown("a string of another kind")),
         }
     }
