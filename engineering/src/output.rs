@@ -16,6 +16,8 @@ use crate::generate::standard::standard;
 use crate::plcopen::{diagnosis_file, project_xml};
 use crate::problem::{Explain, Problems, file_error};
 use crate::staged::Staged;
+use fam_soft_plc::Severity;
+use fam_soft_plc::diag::Diagnostic;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -57,9 +59,47 @@ pub fn write<'a>(
     for (name, text) in plain.files {
         staged.add(format!("model/{name}"), &text)?;
     }
-    let built = build_for(model, target)?;
+    let mut built = build_for(model, target)?;
     each_file(&built, target, &mut |name, text| staged.add(name, &text))?;
-    Ok((staged.deliver()?, built))
+    let written = staged.deliver()?;
+    built.warnings.extend(left_over(dir, &written));
+    Ok((written, built))
+}
+
+/// Names the files of an earlier generation: those that look generated, and that this one did not write. They may also be
+/// somebody's own, so that nobody removes them unasked.
+fn left_over(dir: &Path, written: &[PathBuf]) -> Option<Diagnostic> {
+    let files_in = |folder: PathBuf| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.map(|e| e.path()).filter(|p| p.is_file())
+    };
+    let looks_generated = |path: &PathBuf| {
+        path.extension().is_some_and(|e| e == "xml") || path.ends_with("standard.st")
+    };
+    let mut old: Vec<String> = files_in(dir.to_owned())
+        .filter(looks_generated)
+        .chain(files_in(dir.join("model")))
+        .filter(|path| !written.contains(path))
+        .map(|path| format!("`{}`", path.strip_prefix(dir).unwrap_or(&path).display()))
+        .collect();
+    old.sort();
+    let message = format!("this model does not make {}", sentence_list(&old)?);
+    Some(Diagnostic {
+        severity: Severity::Warning,
+        ..file_error("W601", dir, message).hint("if they are of an earlier generation, remove them")
+    })
+}
+
+/// `a`, `a and b`, `a, b and c`; the first few of many. `None` of none.
+fn sentence_list(names: &[String]) -> Option<String> {
+    const SHOWN: usize = 8;
+    let (shown, more) = names.split_at(names.len().min(SHOWN));
+    let (last, before) = shown.split_last()?;
+    Some(match (before, more.len()) {
+        ([], _) => last.clone(),
+        (_, 0) => format!("{} and {last}", before.join(", ")),
+        (_, more) => format!("{}, {last} and {more} more", before.join(", ")),
+    })
 }
 
 /// What is generated never takes the place of what it is generated from.

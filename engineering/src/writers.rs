@@ -1,12 +1,12 @@
-//! Each point of the field has one writer, whichever gateways lead to it.
+//! Each point of the field has one writer, whichever gateways lead to it; and points that look like one are named.
 
 use crate::io::{Image, key, registers};
-use crate::model::{Cell, points};
+use crate::model::{Cell, InputFrom, points};
 use crate::problem::Explain;
 use fam_proto::GatewayId;
 use fam_proto::model::{FieldDriver, FieldPoint, ModbusTable, Place};
 use fam_soft_plc::diag::Diagnostic;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 
 /// Each field point has one writer: reports two, with both named.
@@ -46,6 +46,36 @@ pub fn two_writers(cell: &Cell, images: &[Option<Image>], problems: &mut Vec<Dia
                         .expected("one writer for each output of the field")
                         .hint("let one MC write it, and export to it what the other one wants"),
                 );
+            }
+        }
+    }
+}
+
+/// Warns of points of one gateway whose names differ in case only: to the gateway they are two.
+pub fn names_alike(cell: &Cell, problems: &mut Vec<Diagnostic>) {
+    let mut seen: BTreeMap<(&GatewayId, String), &str> = BTreeMap::new();
+    let mut told = BTreeSet::new();
+    for mc in &cell.mcs {
+        let Some(gateway) = &mc.gateway else { continue };
+        let inputs = mc.inputs.iter().filter_map(|input| match &input.from {
+            Some(InputFrom::Field(point)) => Some((point, input.at.clone())),
+            _ => None,
+        });
+        let outputs = mc.outputs.iter().filter_map(|output| {
+            let field = output.field.as_ref()?;
+            Some((field.get_ref(), field.span()))
+        });
+        for (point, at) in inputs.chain(outputs) {
+            let FieldPoint::Image(name) = point else {
+                continue;
+            };
+            let other = *seen.entry((gateway, name.to_lowercase())).or_insert(name);
+            if other != name && told.insert((gateway, name)) {
+                let message = format!("`image:{other}` and `image:{name}` are two points");
+                let problem = cell.text.warning("W817", at, message);
+                problems.push(problem.hint(
+                    "the case of a point's name counts; if they are one, write both the same way",
+                ));
             }
         }
     }

@@ -100,3 +100,25 @@ fn a_second_generation_takes_the_place_of_the_first() {
     write(&two_stations(), Target::Fam, out.path()).expect("the cell is sound");
     assert_eq!(tree(out.path()), first);
 }
+
+#[test]
+fn files_of_an_earlier_generation_are_named() {
+    let out = tempfile::tempdir().unwrap();
+    let (_, built) = write(&two_stations(), Target::Portable, out.path()).expect("a sound cell");
+    let named = |built: &fam_engineering::BuiltCell| {
+        let of_files = built.warnings.iter().find(|w| w.code == "W601");
+        of_files.map(|w| w.message.clone())
+    };
+    assert_eq!(named(&built), None);
+    for name in ["Gone.diagnosis.xml", "c9.xml", "notes.txt", "model/gone.st"] {
+        std::fs::write(out.path().join(name), "old").unwrap();
+    }
+    let (_, built) = write(&two_stations(), Target::Fam, out.path()).expect("a sound cell");
+    assert_eq!(
+        named(&built).as_deref(),
+        Some(
+            "this model does not make `Gone.diagnosis.xml`, `c9.xml`, `model/gone.st` and `standard.st`"
+        )
+    );
+    assert!(out.path().join("Gone.diagnosis.xml").exists());
+}

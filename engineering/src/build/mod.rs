@@ -24,7 +24,7 @@ use crate::model::open::{Opened, open};
 use crate::model::{Cell, McSpec, resolve};
 use crate::narrow::narrowed;
 use crate::problem::{Explain, Problems};
-use crate::writers::two_writers;
+use crate::writers::{names_alike, two_writers};
 use fam_proto::model::CellModel;
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
@@ -103,6 +103,7 @@ pub fn build_for<'a>(model: impl Into<ModelAt<'a>>, target: Target) -> Result<Bu
     }
     logic::shared_globals(&cell, &logics, &mut problems);
     two_writers(&cell, &images, &mut problems);
+    names_alike(&cell, &mut problems);
     let points: Vec<_> = (0..cell.mcs.len())
         .map(|index| io::connect(&cell, index, &images, &mut problems))
         .collect();

@@ -132,6 +132,14 @@ fn files() -> Vec<(String, Vec<Diagnostic>)> {
         ..d
     });
     all.push(("file: a folder that holds the model".into(), list.collect()));
+    std::fs::create_dir_all(at("used")).unwrap();
+    std::fs::write(at("used/c9.xml"), "old").unwrap();
+    let (_, built) = write(&at("cell.toml"), Target::Fam, &at("used")).unwrap();
+    let of_files = built.warnings.into_iter().filter(|w| w.code == "W601");
+    all.push((
+        "file: a folder with files of before".into(),
+        relative(of_files.collect(), dir.path()),
+    ));
     all
 }
 

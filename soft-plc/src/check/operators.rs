@@ -330,7 +330,13 @@ impl Checker<'_> {
         } else if !op.is_logic() && !op.is_comparison() && both(|e| e.is_bit() && e != Elem::Bool) {
             problem = problem.hint("convert bit strings to integers: WORD_TO_UINT(...)");
         } else if le.is_some_and(Elem::is_num) && re.is_some_and(Elem::is_num) {
-            problem = problem.hint(format!("convert one of them explicitly: {l}_TO_{r}(...)"));
+            let of_enum = [(left.ty, le), (right.ty, re)]
+                .into_iter()
+                .find(|(ty, _)| self.types.is_enum(*ty));
+            problem = problem.hint(match of_enum {
+                Some((_, Some(base))) => format!("take its number: TO_{}(...)", base.name()),
+                _ => format!("convert one of them explicitly: {l}_TO_{r}(...)"),
+            });
         }
         self.report(problem);
         error_expr(span)

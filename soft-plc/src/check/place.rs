@@ -478,10 +478,7 @@ impl Checker<'_> {
                 let mut problem = Problem::error("E315", index.span, message)
                     .expected("an integer (SINT to LINT, USINT to UDINT)");
                 if self.types.is_enum(typed.ty) {
-                    problem = problem.hint(format!(
-                        "convert it: {}_TO_INT(...)",
-                        self.type_name(typed.ty)
-                    ));
+                    problem = problem.hint("take its number: TO_INT(...)");
                 }
                 self.report(problem);
                 return None;

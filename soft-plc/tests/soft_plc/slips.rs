@@ -207,6 +207,20 @@ const SLIPS: &[(&str, &str, u32, u32, &str)] = &[
         1,
         "cannot become INT",
     ),
+    (
+        "a : INT; e : (x, y); END_VAR\nIF e > y THEN a := 1; END_IF;",
+        "E305",
+        2,
+        4,
+        "TO_INT(...)",
+    ),
+    (
+        "a : ARRAY[0..1] OF INT; e : (x, y); END_VAR\na[e] := 1;",
+        "E315",
+        2,
+        3,
+        "TO_INT(...)",
+    ),
 ];
 
 #[test]

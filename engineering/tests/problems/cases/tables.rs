@@ -182,6 +182,10 @@ pub const CASES: &[Case] = &[
         ],
     ),
     (
+        "points that differ in case",
+        &[(CELL, "\"mc:A.Lamp\"", "\"image:lamp\"")],
+    ),
+    (
         "two gateways to one device",
         &[
             (
