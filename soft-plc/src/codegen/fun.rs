@@ -331,7 +331,11 @@ impl<'m, 'p> Fun<'m, 'p> {
                     self.place_addressed(id, local);
                     locals.push(local);
                 }
-                None => self.prepare_scratch(id),
+                None => {
+                    self.prepare_scratch(id);
+                    // What is known of it is of a call before.
+                    self.known.forget_all();
+                }
             }
         }
         locals

@@ -72,6 +72,8 @@ pub struct Network<'r, 's, 'a, 'i> {
     states: BTreeMap<String, State>,
     /// Values of elements that have run.
     wires: BTreeMap<(String, String), Expr>,
+    /// Blocks that run only at times, with what says whether they have.
+    enabled: BTreeMap<String, Expr>,
     kept: Vec<VarDecl>,
     temps: Vec<VarDecl>,
     segments: Vec<Vec<Stmt>>,
@@ -109,6 +111,7 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             users,
             states: BTreeMap::new(),
             wires: BTreeMap::new(),
+            enabled: BTreeMap::new(),
             kept: Vec::new(),
             temps: Vec::new(),
             segments: vec![Vec::new()],
@@ -296,7 +299,7 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
                 .insert((id.to_owned(), String::new()), value.clone());
         }
         let value = self.modified(node, value);
-        self.store(node, target, value);
+        self.store_at(node, PLAIN, target, value, None);
     }
 
     fn out_variable(&mut self, node: Node<'a, 'i>) {
@@ -318,15 +321,21 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             self.wires
                 .insert((id.to_owned(), String::new()), target.clone());
         }
-        self.store_at(node, side, target, value);
+        let ran = self
+            .source(node)
+            .and_then(|(id, formal)| self.ran(&id, &formal));
+        self.store_at(node, side, target, value, ran);
     }
 
-    /// Plain, set or reset.
-    fn store(&mut self, node: Node<'a, 'i>, target: Expr, value: Expr) {
-        self.store_at(node, PLAIN, target, value);
-    }
-
-    fn store_at(&mut self, node: Node<'a, 'i>, side: Side, target: Expr, value: Expr) {
+    /// Plain, set or reset; at times only `if_ran`.
+    fn store_at(
+        &mut self,
+        node: Node<'a, 'i>,
+        side: Side,
+        target: Expr,
+        value: Expr,
+        if_ran: Option<Expr>,
+    ) {
         let at = At(self.reader.tag(node));
         let mut target = target;
         if let (Some((name, wire)), ExprKind::Name(own)) = (&self.result, &target.kind)
@@ -340,7 +349,10 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             Some("reset") => at.if_then(value, vec![at.assign(target, at.bool(false))]),
             _ => at.assign(target, value),
         };
-        self.emit(stmt);
+        self.emit(match if_ran {
+            Some(ran) => at.if_then(ran, vec![stmt]),
+            None => stmt,
+        });
     }
 }
 

@@ -93,13 +93,24 @@ impl Parser<'_> {
 
     pub fn il_statements(&mut self, pou: &mut Pou) -> Vec<Stmt> {
         let items = self.il_items();
-        let mut lowering = Lowering::new(pou, self.span());
-        for item in &items {
-            if let Err(problem) = lowering.item(item, &items) {
+        let span = self.span();
+        let mut lowering = Lowering::new(pou, span);
+        self.lower(&mut lowering, &items);
+        if let Err(problem) = lowering.leave(span) {
+            self.report(*problem);
+        }
+        lowering.finish(pou)
+    }
+
+    fn lower(&mut self, lowering: &mut Lowering, items: &[Item]) {
+        for item in items {
+            if let Err(problem) = lowering.item(item, items) {
                 self.report(*problem);
             }
         }
-        lowering.finish(pou)
+        if let Err(problem) = lowering.closed("the list ends") {
+            self.report(*problem);
+        }
     }
 
     /// The condition of a transition: what is the current result at its end.
@@ -107,11 +118,7 @@ impl Parser<'_> {
         let items = self.il_items();
         let span = self.span();
         let mut lowering = Lowering::new(pou, span);
-        for item in &items {
-            if let Err(problem) = lowering.item(item, &items) {
-                self.report(*problem);
-            }
-        }
+        self.lower(&mut lowering, &items);
         let Some(result) = lowering.result.take() else {
             return Err(self.unexpected("an instruction such as LD that gives the condition"));
         };
@@ -344,6 +351,26 @@ impl Lowering {
         Ok(wire)
     }
 
+    /// The current result ends here, whether or not anything has used it: it is evaluated all the same.
+    fn leave(&mut self, span: Span) -> Result<(), Box<Problem>> {
+        if self.result.is_some() {
+            self.settled(span)?;
+            self.result = None;
+        }
+        Ok(())
+    }
+
+    /// An error if parentheses are open where they cannot be.
+    fn closed(&mut self, here: &str) -> Result<(), Box<Problem>> {
+        let Some((.., at)) = self.waiting.pop() else {
+            return Ok(());
+        };
+        self.waiting.clear();
+        Problem::error("E712", at, format!("`(` is still open where {here}"))
+            .expected("a `)` in a line of its own")
+            .fail()
+    }
+
     /// The variable in which the current result reaches a label.
     fn label_wire(&self, label: usize) -> String {
         format!("__il{}_at{label}", self.tag)
@@ -379,12 +406,17 @@ impl Lowering {
     fn item(&mut self, item: &Item, all: &[Item]) -> Result<(), Box<Problem>> {
         match item {
             Item::Label(name, span) => {
+                self.closed(&format!("the label `{name}` stands"))?;
                 let same = all
                     .iter()
                     .filter(|i| matches!(i, Item::Label(other, _) if other == name))
                     .count();
                 let number = self.segments.len() - 1;
-                self.arrive(number, needs_result(all, number), *span);
+                let needed = needs_result(all, number);
+                if !needed {
+                    self.leave(*span)?;
+                }
+                self.arrive(number, needed, *span);
                 if same > 1 {
                     return Problem::error(
                         "E711",
@@ -465,8 +497,11 @@ impl Lowering {
             return Ok(());
         }
         match op {
-            "LD" => self.result = Some(operand()?),
-            "LDN" => self.result = Some(at.not(operand()?)),
+            "LD" | "LDN" => {
+                let value = operand()?;
+                self.leave(span)?;
+                self.result = Some(if op == "LD" { value } else { at.not(value) });
+            }
             "NOT" => self.result = Some(at.not(self.current(span)?)),
             "ST" | "STN" => {
                 let target = operand()?;
@@ -490,6 +525,7 @@ impl Lowering {
                 self.emit(at.if_then(condition, vec![at.assign(target, at.bool(op == "S"))]));
             }
             "JMP" | "JMPC" | "JMPCN" => {
+                self.closed("the jump stands")?;
                 let target = operand()?;
                 let ExprKind::Name(name) = &target.kind else {
                     return Problem::error("E711", target.span, "a jump leads to a label").fail();
@@ -515,6 +551,7 @@ impl Lowering {
                 self.reached = op != "JMP";
             }
             "RET" | "RETC" | "RETCN" => {
+                self.closed("the list returns")?;
                 let steps = vec![at.stmt(StmtKind::Return)];
                 self.conditional(op, "RET", span, steps)?;
                 self.reached = op != "RET";
@@ -537,7 +574,9 @@ impl Lowering {
             _ => {
                 let formal = instruction.operands.iter().any(|a| a.name.is_some());
                 let mut args = instruction.operands.clone();
-                if !formal {
+                if formal {
+                    self.leave(span)?;
+                } else {
                     let first = Arg {
                         name: None,
                         output: false,

@@ -2,7 +2,7 @@
 //! meaning in terms of ordinary statements.
 //!
 //! In each scan: the elapsed times of active steps are brought up to date; all transitions are tested on the steps as they
-//! are, of several that share a step only the first that is true by priority; the steps before fired transitions are left,
+//! are (those of initial steps from the second scan on, as the first one enters them), of several that share a step only the first that is true by priority; the steps before fired transitions are left,
 //! then those after them entered; actions run whose control says so. Actions are not run once more after their step was
 //! left ("without final scan").
 
@@ -264,7 +264,13 @@ impl Sfc {
         for (number, transition) in self.transitions.iter().enumerate() {
             let at = At(transition.span);
             temps.push(at.var(&fired(number), "BOOL"));
-            let steps = transition.from.iter().map(|s| at.field(&s.name, "X"));
+            // An initial step is entered in the first scan, and left no earlier than in the next (clause 6.7.5): it was active
+            // then. At the start of any scan the two are the same of other steps.
+            let was_active = |step: &Ident| {
+                let initial = self.find(step).is_some_and(|s| self.steps[s].initial);
+                at.field(&step.name, if initial { "__last" } else { "X" })
+            };
+            let steps = transition.from.iter().map(was_active);
             let earlier = self.transitions[..number]
                 .iter()
                 .enumerate()

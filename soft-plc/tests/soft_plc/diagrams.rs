@@ -241,14 +241,19 @@ fn enable_inputs_stop_a_function_and_keep_its_value() {
         &["go:BOOL", "a:INT", "r:INT", "ok:BOOL"],
         &format!("<FBD>{body}</FBD>"),
     );
+    m.set("r", Value::Int(77));
+    m.scan();
+    assert_eq!((m.text("r"), m.text("ok")), ("77".into(), "FALSE".into()));
     m.set("go", Value::Bool(true));
     m.set("a", Value::Int(5));
     m.scan();
     assert_eq!((m.text("r"), m.text("ok")), ("15".into(), "TRUE".into()));
+    // A variable that somebody else writes meanwhile is left alone.
+    m.set("r", Value::Int(78));
     m.set("go", Value::Bool(false));
     m.set("a", Value::Int(6));
     m.scan();
-    assert_eq!((m.text("r"), m.text("ok")), ("15".into(), "FALSE".into()));
+    assert_eq!((m.text("r"), m.text("ok")), ("78".into(), "FALSE".into()));
 }
 
 fn contact(id: u32, more: &str, variable: &str, source: &[&str]) -> String {

@@ -375,7 +375,8 @@ impl<'c> Reading<'c> {
         let mut cleared: Vec<&Transition> = Vec::new();
         for number in order {
             let t = &self.chart.transitions[number];
-            let enabled = t.from.iter().all(|s| self.active[*s]);
+            // What the first scan enters is tested from the second one on.
+            let enabled = t.from.iter().all(|s| self.active_before[*s]);
             let taken = cleared
                 .iter()
                 .any(|c| c.from.iter().any(|s| t.from.contains(s)));

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use roxmltree::Node;
 
-use super::{Network, State, is_true};
+use super::{Network, PLAIN, State, is_true};
 use crate::diag::Problem;
 use crate::plcopen::{element, elements};
 use crate::syntax::ast::{Arg, Expr, ExprKind, StmtKind};
@@ -111,23 +111,21 @@ impl<'a, 'i> Network<'_, '_, 'a, 'i> {
                 });
             }
         }
+        let enable = enable.filter(|e| !matches!(e.kind, ExprKind::Bool(true)));
         let mut off = Vec::new();
-        if eno {
+        if eno || enable.is_some() {
             let wire = self.new_name("eno");
             self.temps.push(at.var(&wire, "BOOL"));
             run.push(at.assign(at.name(&wire), at.bool(true)));
             off.push(at.assign(at.name(&wire), at.bool(false)));
             self.wires
                 .insert((id.to_owned(), "ENO".to_owned()), at.name(&wire));
+            if enable.is_some() {
+                self.enabled.insert(id.to_owned(), at.name(&wire));
+            }
         }
         match enable {
-            Some(Expr {
-                kind: ExprKind::Bool(true),
-                ..
-            })
-            | None => {
-                run.into_iter().for_each(|s| self.emit(s));
-            }
+            None => run.into_iter().for_each(|s| self.emit(s)),
             Some(enable) => self.emit(at.stmt(StmtKind::If(vec![(enable, run)], off))),
         }
         self.states.insert(id.to_owned(), State::Done);
@@ -146,10 +144,18 @@ impl<'a, 'i> Network<'_, '_, 'a, 'i> {
                 if let (Some(target), Some(value)) =
                     (self.parse(&part), self.block_value(node, id, &name))
                 {
-                    self.store(output, target, value);
+                    let ran = self.ran(id, &name);
+                    self.store_at(output, PLAIN, target, value, ran);
                 }
             }
         }
+    }
+
+    /// What says whether the block has run from which a value comes, if it may not have: then a variable at its output keeps its value.
+    /// ENO has one in any case.
+    pub(super) fn ran(&self, id: &str, formal: &str) -> Option<Expr> {
+        let ran = self.enabled.get(id).cloned();
+        ran.filter(|_| !formal.eq_ignore_ascii_case("ENO"))
     }
 
     pub(super) fn block_value(

@@ -119,6 +119,30 @@ impl<'a, 'i> Network<'_, '_, 'a, 'i> {
             .find(|n| n.has_tag_name_local("connector") && n.attribute("name") == Some(name))
     }
 
+    /// The one output, as element and name, that the element's input comes from, through connectors too.
+    pub(super) fn source(&self, node: Node<'a, 'i>) -> Option<(String, String)> {
+        let mut at = node;
+        for _ in 0..DEPTH_MAX {
+            let point = element(at, "connectionPointIn")?;
+            let mut connections = elements(point, "connection");
+            let only = connections.next()?;
+            if connections.next().is_some() {
+                return None;
+            }
+            let id = only.attribute("refLocalId")?;
+            let before = self.by_id.get(id).copied()?;
+            at = match self.connector_of(before) {
+                Some(connector) => connector,
+                None if before.has_tag_name_local("connector") => before,
+                None => {
+                    let formal = only.attribute("formalParameter").unwrap_or_default();
+                    return Some((id.to_owned(), formal.to_owned()));
+                }
+            };
+        }
+        None
+    }
+
     /// Whether a loop of connections leads through the variable: then it is read as it was before it is written, which is what a
     /// feedback variable is for (third edition, clause 8.1.4).
     fn feeds_itself(&self, node: Node<'a, 'i>) -> bool {

@@ -258,6 +258,14 @@ impl World {
                 .push((format!("SUPER.{}", first.name), first.clone()));
         }
         inner.push(self.counters(&mut scope, "VAR_TEMP"));
+        if self.random.chance(50) {
+            self.note("VAR_TEMP");
+            let list = self.parameters("u", 3);
+            for (name, ty) in &list {
+                self.enter(&mut scope, name, ty, true, false);
+            }
+            inner.push(self.section("VAR_TEMP", &list, true));
+        }
         inner.extend(texts);
         if base.is_some() && self.random.chance(60) {
             self.note("SUPER()");
