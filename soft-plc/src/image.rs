@@ -5,6 +5,7 @@
 
 use crate::check::tree::{Location, TypedProject, Var};
 use crate::types::{Elem, TypeId, TypeKind, TypeTable};
+use std::collections::{BTreeMap, BTreeSet};
 
 const BYTE: u64 = 8;
 
@@ -98,48 +99,71 @@ fn add_scalars(
 /// Bits that a value of the type takes in the image, and of what number of bits its address is a multiple. Strings and references
 /// cannot lie there.
 pub(crate) fn extent(types: &TypeTable, ty: TypeId) -> Option<(u64, u64)> {
-    match types.kind(ty) {
-        TypeKind::Array { dims, elem } => {
-            let counts = dims.iter().map(|(l, h)| (h - l + 1) as u64);
-            let count = counts.fold(1, u64::saturating_mul);
-            let (bits, align) = extent(types, *elem)?;
-            Some((count.saturating_mul(bits), align))
+    Extents::default().of(types, ty)
+}
+
+/// Extents that are known already: a structure may stand many times in another one.
+#[derive(Default)]
+struct Extents(BTreeMap<TypeId, Option<(u64, u64)>>);
+
+impl Extents {
+    fn of(&mut self, types: &TypeTable, ty: TypeId) -> Option<(u64, u64)> {
+        if let Some(known) = self.0.get(&ty) {
+            return *known;
         }
-        TypeKind::Struct { fields } => {
-            let (mut end, mut align) = (0, BYTE);
-            for index in 0..fields.len() {
-                let (from, bits, a) = field(types, ty, index)?;
-                end = end.max(from.saturating_add(bits));
-                align = align.max(a);
+        let result = self.work_out(types, ty);
+        self.0.insert(ty, result);
+        result
+    }
+
+    fn work_out(&mut self, types: &TypeTable, ty: TypeId) -> Option<(u64, u64)> {
+        match types.kind(ty) {
+            TypeKind::Array { dims, elem } => {
+                let counts = dims.iter().map(|(l, h)| (h - l + 1) as u64);
+                let count = counts.fold(1, u64::saturating_mul);
+                let (bits, align) = self.of(types, *elem)?;
+                Some((count.saturating_mul(bits), align))
             }
-            Some((end.checked_next_multiple_of(align)?, align))
+            TypeKind::Struct { .. } => {
+                let (mut end, mut align) = (0, BYTE);
+                for (from, bits, a) in self.fields(types, ty)? {
+                    end = end.max(from.saturating_add(bits));
+                    align = align.max(a);
+                }
+                Some((end.checked_next_multiple_of(align)?, align))
+            }
+            _ => {
+                let elem = types.elem(ty).filter(|e| *e != Elem::Ref)?;
+                let bits = u64::from(elem.bits());
+                Some((bits, bits))
+            }
         }
-        _ => {
-            let elem = types.elem(ty).filter(|e| *e != Elem::Ref)?;
-            let bits = u64::from(elem.bits());
-            Some((bits, bits))
+    }
+
+    /// Of each field its first bit, bits that it takes, and what its address is a multiple of.
+    fn fields(&mut self, types: &TypeTable, ty: TypeId) -> Option<Vec<(u64, u64, u64)>> {
+        let TypeKind::Struct { fields } = types.kind(ty) else {
+            return None;
+        };
+        let mut end = 0u64;
+        let mut places = Vec::new();
+        for field in fields {
+            let (bits, align) = self.of(types, field.ty)?;
+            let (from, align) = match field.at {
+                Some(at) => (at, 1),
+                None => (end.checked_next_multiple_of(align)?, align),
+            };
+            places.push((from, bits, align));
+            end = from.saturating_add(bits);
         }
+        Some(places)
     }
 }
 
 /// First bit of a field, bits that it takes, and what its address is a multiple of.
 pub(crate) fn field(types: &TypeTable, ty: TypeId, index: usize) -> Option<(u64, u64, u64)> {
-    let TypeKind::Struct { fields } = types.kind(ty) else {
-        return None;
-    };
-    let mut end = 0u64;
-    for (i, field) in fields.iter().enumerate() {
-        let (bits, align) = extent(types, field.ty)?;
-        let (from, align) = match field.at {
-            Some(at) => (at, 1),
-            None => (end.checked_next_multiple_of(align)?, align),
-        };
-        if i == index {
-            return Some((from, bits, align));
-        }
-        end = from.saturating_add(bits);
-    }
-    None
+    let places = Extents::default().fields(types, ty)?;
+    places.get(index).copied()
 }
 
 /// First bit of a field whose structure is known to fit in the image.
@@ -154,15 +178,12 @@ pub(crate) fn stride_bits(types: &TypeTable, elem: TypeId) -> u64 {
 
 /// Two fields of the structure that share bits, if there are any.
 pub(crate) fn overlap(types: &TypeTable, ty: TypeId) -> Option<(usize, usize)> {
-    let TypeKind::Struct { fields } = types.kind(ty) else {
-        return None;
-    };
-    let places: Vec<_> = (0..fields.len())
-        .map(|index| field(types, ty, index))
-        .collect::<Option<_>>()?;
+    let places = Extents::default().fields(types, ty)?;
     (1..places.len()).find_map(|later| {
         let (from, bits, _) = places[later];
-        let shared = |(f, b, _): &(u64, u64, u64)| *f < from + bits && from < f + b;
+        let shared = |(f, b, _): &(u64, u64, u64)| {
+            *f < from.saturating_add(bits) && from < f.saturating_add(*b)
+        };
         let earlier = places[..later].iter().position(shared)?;
         Some((earlier, later))
     })
@@ -170,13 +191,18 @@ pub(crate) fn overlap(types: &TypeTable, ty: TypeId) -> Option<(usize, usize)> {
 
 /// Whether a structure whose fields share bits is part of the type.
 pub(crate) fn has_overlap(types: &TypeTable, ty: TypeId) -> bool {
-    match types.kind(ty) {
-        TypeKind::Array { elem, .. } => has_overlap(types, *elem),
-        TypeKind::Struct { fields } => {
-            overlap(types, ty).is_some() || fields.iter().any(|f| has_overlap(types, f.ty))
+    let mut seen = BTreeSet::new();
+    let mut next = vec![ty];
+    while let Some(ty) = next.pop() {
+        match types.kind(ty) {
+            _ if !seen.insert(ty) => {}
+            TypeKind::Array { elem, .. } => next.push(*elem),
+            TypeKind::Struct { .. } if overlap(types, ty).is_some() => return true,
+            TypeKind::Struct { fields } => next.extend(fields.iter().map(|f| f.ty)),
+            _ => {}
         }
-        _ => false,
     }
+    false
 }
 
 /// Whether a variable of the type lies closer in the image than in memory. Such a one has no address that a POU could be given;

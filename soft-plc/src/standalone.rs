@@ -87,7 +87,7 @@ fn add_entry(project: &mut Project, only: Option<&str>) -> Result<i64, Vec<Diagn
             .find(|p| same(&p.name.name, name))
             .cloned();
         match found {
-            Some(pou) if pou.kind == PouKind::Program => entry.program(&pou.name.name, &[])?,
+            Some(pou) if pou.kind == PouKind::Program => entry.program(&pou.name.name),
             Some(pou) if pou.kind == PouKind::FunctionBlock => entry.instance(&pou),
             Some(pou) if pou.kind == PouKind::Function => entry.function(&pou),
             _ => return Err(no_program(project, Some(name))),
@@ -122,7 +122,7 @@ fn add_entry(project: &mut Project, only: Option<&str>) -> Result<i64, Vec<Diagn
                 return Err(no_program(project, None));
             }
             for name in &programs {
-                entry.program(name, &[])?;
+                entry.program(name);
             }
         }
     }
@@ -179,9 +179,9 @@ impl Entry {
         format!("__{what}{}", self.count)
     }
 
-    fn expression(&self, text: &str) -> Result<Expr, Vec<Diagnostic>> {
+    fn expression(at: At, text: &str) -> Result<Expr, Vec<Diagnostic>> {
         parse_whole_expression(0, text, 0)
-            .map(|e| at_once(e, self.at))
+            .map(|e| at_once(e, at))
             .map_err(|problems| {
                 problems
                     .into_iter()
@@ -193,23 +193,22 @@ impl Entry {
             })
     }
 
-    fn call(&self, name: &str, connections: &[Connection]) -> Result<Stmt, Vec<Diagnostic>> {
+    fn call(at: At, name: &str, connections: &[Connection]) -> Result<Stmt, Vec<Diagnostic>> {
         let mut args = Vec::new();
         for connection in connections {
-            let value = self.expression(&connection.value)?;
+            let value = Self::expression(at, &connection.value)?;
             args.push(if connection.output {
-                self.at.output(&connection.parameter, value)
+                at.output(&connection.parameter, value)
             } else {
-                self.at.input(&connection.parameter, value)
+                at.input(&connection.parameter, value)
             });
         }
-        Ok(self.at.invoke(self.at.name(name), args))
+        Ok(at.invoke(at.name(name), args))
     }
 
-    fn program(&mut self, name: &str, connections: &[Connection]) -> Result<(), Vec<Diagnostic>> {
-        let call = self.call(name, connections)?;
-        self.body.push(call);
-        Ok(())
+    fn program(&mut self, name: &str) {
+        self.body
+            .push(self.at.invoke(self.at.name(name), Vec::new()));
     }
 
     /// An instance of a function block under its own name; what it takes by reference gets a variable.
@@ -292,7 +291,8 @@ impl Entry {
                 };
                 if own {
                     let name = place_instance(project, instance, used)?;
-                    calls.push(self.call(&name, &instance.connections)?);
+                    let at = At(instance.span);
+                    calls.push(Self::call(at, &name, &instance.connections)?);
                 }
             }
             if calls.is_empty() {
@@ -303,7 +303,7 @@ impl Entry {
                 continue;
             };
             if let Some(single) = &task.single {
-                let trigger = self.expression(single)?;
+                let trigger = Self::expression(At(task.span), single)?;
                 let last = self.counter("last");
                 self.kept.push(at.var(&last, "BOOL"));
                 let edge = at.and(trigger.clone(), at.not(at.name(&last)));

@@ -102,6 +102,7 @@ impl<'p> Checker<'p> {
         }
         self.declare_pous();
         self.place_configured();
+        self.check_tasks();
         self.find_patterns();
         self.settle_inits(0);
     }

@@ -1,19 +1,23 @@
 //! Calls with EN and ENO (clause 6.6.1.8): they run only if EN is true, and ENO tells whether they did.
 
 use crate::check::Checker;
-use crate::check::expr::error_expr;
-use crate::check::tree::{Enabled, Expr, ExprKind, InitValue, Stmt, StmtKind};
+use crate::check::expr::{constant, error_expr};
+use crate::check::tree::{Enabled, Expr, ExprKind, InitValue, PouId, Stmt, StmtKind};
 use crate::diag::Problem;
 use crate::source::Span;
-use crate::syntax::ast::{self, Arg};
+use crate::syntax::ast::{self, Arg, VarSection};
 use crate::syntax::build::At;
 use crate::types::TypeId;
+use crate::value::Value;
 
 /// A call taken apart.
 struct Split {
-    enable: ast::Expr,
+    /// `None`: it runs in any case.
+    enable: Option<ast::Expr>,
     /// Where ENO goes, and whether as `NOT ENO =>`.
     eno: Option<(ast::Expr, bool)>,
+    /// Whether the called POU tells ENO itself if it runs.
+    declares_eno: bool,
     /// The arguments that the called POU declares.
     rest: Vec<Arg>,
 }
@@ -21,7 +25,7 @@ struct Split {
 impl Split {
     /// What is stored where ENO leads to, if it leads anywhere.
     fn tell(&self, ran: bool) -> Option<ast::Stmt> {
-        let (target, negated) = self.eno.clone()?;
+        let (target, negated) = self.eno.clone().filter(|_| !(ran && self.declares_eno))?;
         let at = At(target.span);
         Some(at.assign(target, at.bool(ran != negated)))
     }
@@ -57,8 +61,11 @@ impl Checker<'_> {
         let mut on = vec![at.stmt(inner)];
         on.extend(split.tell(true));
         let off = split.tell(false).into_iter().collect();
-        let whole = at.stmt(ast::StmtKind::If(vec![(split.enable, on)], off));
-        Some(self.stmt(&whole))
+        let whole = match split.enable {
+            Some(enable) => ast::StmtKind::If(vec![(enable, on)], off),
+            None => ast::StmtKind::Block(on),
+        };
+        Some(self.stmt(&at.stmt(whole)))
     }
 
     /// A call with EN or ENO inside an expression: its value is the initial value of its type if it does not run.
@@ -71,8 +78,12 @@ impl Checker<'_> {
     ) -> Option<Expr> {
         let at = At(span);
         let split = self.split(callee, args, at)?;
-        let condition = self.condition(&split.enable);
+        let condition = match &split.enable {
+            Some(enable) => self.condition(enable),
+            None => constant(Value::Bool(true), TypeId::BOOL, span),
+        };
         let value = self.call_expr(callee, &split.rest, expected, span);
+        let value = self.settle(value);
         let tell = |checker: &mut Self, ran| -> Vec<Stmt> {
             let stmt = split.tell(ran);
             checker.stmts(stmt.as_slice())
@@ -122,18 +133,40 @@ impl Checker<'_> {
         self.types.default_value(ty).map(ExprKind::Const)
     }
 
-    /// Takes EN and ENO out of the arguments, if they are there and not the called POU's own.
+    /// Takes EN and ENO out of the arguments, if they are there. What the called POU declares of them it gets back: EN is TRUE
+    /// when it runs.
     fn split(&mut self, callee: &ast::Expr, args: &[Arg], at: At) -> Option<Split> {
-        let special = |arg: &Arg| named(arg, "EN") || named(arg, "ENO");
-        if !args.iter().any(special) || self.declares_enable(callee) {
+        let special = |arg: &&Arg| named(arg, "EN") || named(arg, "ENO");
+        if !args.iter().any(|a| special(&a)) {
             return None;
         }
+        let (declares_en, declares_eno) = self.declares_enable(callee);
+        // In the dialect a declared EN is an input like any other.
+        if declares_en && self.is_liberal() {
+            return None;
+        }
+        let enable = self.only(args, "EN", false).map(|(value, _)| value);
+        let eno = self.only(args, "ENO", true);
+        // Nothing is left to do here: the POU looks at its own EN, and tells its own ENO.
+        let always = match &enable {
+            None => true,
+            Some(value) => declares_en && matches!(value.kind, ast::ExprKind::Bool(true)),
+        };
+        if always && (declares_eno || eno.is_none()) {
+            return None;
+        }
+        let mut rest: Vec<Arg> = args.iter().filter(|a| !special(a)).cloned().collect();
+        if declares_en && enable.is_some() {
+            rest.push(at.input("EN", at.bool(true)));
+        }
+        if declares_eno {
+            rest.extend(args.iter().filter(|a| named(a, "ENO")).cloned());
+        }
         Some(Split {
-            enable: self
-                .only(args, "EN", false)
-                .map_or(at.bool(true), |(value, _)| value),
-            eno: self.only(args, "ENO", true),
-            rest: args.iter().filter(|a| !special(a)).cloned().collect(),
+            enable,
+            eno,
+            declares_eno,
+            rest,
         })
     }
 
@@ -155,8 +188,8 @@ impl Checker<'_> {
         Some((arg.value.clone()?, arg.negated))
     }
 
-    /// Whether the called POU declares EN itself.
-    fn declares_enable(&mut self, callee: &ast::Expr) -> bool {
+    /// Whether the called POU declares EN, and whether ENO.
+    fn declares_enable(&mut self, callee: &ast::Expr) -> (bool, bool) {
         let pou = match &callee.kind {
             ast::ExprKind::Name(name) if self.find_var(name).is_none() => {
                 self.find_declared_pou(name)
@@ -171,11 +204,38 @@ impl Checker<'_> {
                 }
             }
         };
-        pou.is_some_and(|pou| {
-            self.pou(pou)
-                .vars
-                .iter()
-                .any(|v| self.var(*v).name.eq_ignore_ascii_case("EN"))
+        pou.map_or((false, false), |pou| {
+            (
+                self.declared_enable(pou, "EN", VarSection::Input),
+                self.declared_enable(pou, "ENO", VarSection::Output),
+            )
         })
+    }
+
+    fn declared_enable(&self, pou: PouId, name: &str, section: VarSection) -> bool {
+        self.pou(pou).vars.iter().any(|v| {
+            let var = self.var(*v);
+            var.section == section && var.name.eq_ignore_ascii_case(name) && var.ty == TypeId::BOOL
+        })
+    }
+
+    /// What a POU that declares EN or ENO does before its statements: with EN false nothing else, and ENO is TRUE until they
+    /// say something else.
+    pub(super) fn enable_prologue(&mut self, pou: PouId) -> Vec<Stmt> {
+        if self.is_liberal() {
+            return Vec::new();
+        }
+        let en = self.declared_enable(pou, "EN", VarSection::Input);
+        let eno = self.declared_enable(pou, "ENO", VarSection::Output);
+        let at = At(self.pou(pou).name_span);
+        let tell = |ran| eno.then(|| at.assign(at.name("ENO"), at.bool(ran)));
+        let mut list = Vec::new();
+        if en {
+            let mut off: Vec<ast::Stmt> = tell(false).into_iter().collect();
+            off.push(at.stmt(ast::StmtKind::Return));
+            list.push(at.if_then(at.not(at.name("EN")), off));
+        }
+        list.extend(tell(true));
+        self.stmts(&list)
     }
 }

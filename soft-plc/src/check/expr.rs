@@ -4,7 +4,7 @@ use crate::check::tree::{Expr, ExprKind, InitValue, Limits, Place, Root};
 use crate::check::{Checker, Declared, key};
 use crate::diag::Problem;
 use crate::source::Span;
-use crate::syntax::ast;
+use crate::syntax::ast::{self, UnOp};
 use crate::types::{Elem, TypeId, TypeKind};
 use crate::value::{self, Fault, Value};
 
@@ -63,17 +63,23 @@ impl Checker<'_> {
             ast::ExprKind::Call(callee, args) => self.call_expr(callee, args, expected, span),
             ast::ExprKind::Unary(op, inner) => {
                 let inner = self.expr(inner, expected);
-                self.unary(*op, inner, span)
+                match (op, expected) {
+                    (UnOp::Not, Some(ty)) => self.not_as(inner, ty, span),
+                    _ => self.unary(*op, inner, span),
+                }
             }
             ast::ExprKind::Binary(op, left, right) => {
                 let pass = if op.is_comparison() { None } else { expected };
-                let (l, r) = if op.is_comparison() && self.may_be_enum_name(left) {
-                    let r = self.expr(right, None);
+                let from_right = op.is_comparison() && self.may_be_enum_name(left)
+                    || op.is_logic() && is_not_literal(left);
+                let (l, r) = if from_right {
+                    let r = self.expr(right, pass);
                     let l = self.expr(left, Some(r.ty));
                     (l, r)
                 } else {
                     let l = self.expr(left, pass);
-                    let hint = if op.is_comparison() { Some(l.ty) } else { pass };
+                    let by_left = op.is_comparison() || op.is_logic() && is_not_literal(right);
+                    let hint = if by_left { Some(l.ty) } else { pass };
                     let r = self.expr(right, hint);
                     (l, r)
                 };
@@ -487,4 +493,12 @@ impl Checker<'_> {
             }
         }
     }
+}
+
+/// `NOT 16#0F`: its type is that of what stands beside it.
+fn is_not_literal(expr: &ast::Expr) -> bool {
+    let ast::ExprKind::Unary(UnOp::Not, inner) = &expr.kind else {
+        return false;
+    };
+    matches!(inner.kind, ast::ExprKind::Int(_))
 }

@@ -23,6 +23,7 @@ mod recursion;
 mod stdcalls;
 pub mod stdfun;
 mod stmt;
+mod tasks;
 mod text;
 pub mod tree;
 mod types;
@@ -95,6 +96,8 @@ struct Checker<'p> {
     type_ids: Vec<(Progress, TypeId)>,
     /// Structures that references lead to and whose fields are not known yet.
     ahead: BTreeMap<String, TypeId>,
+    /// Fields of structures, those of the structures in them counted.
+    structure_parts: BTreeMap<TypeId, u64>,
     /// Internal variables whose declaration says who may use them.
     access: BTreeMap<VarId, crate::syntax::ast::Access>,
     globals: BTreeMap<(usize, usize), (Progress, Option<VarId>)>,
@@ -151,6 +154,7 @@ impl<'p> Checker<'p> {
             names: BTreeMap::new(),
             type_ids: vec![(Progress::Open, TypeId::ERROR); project.types.len()],
             ahead: BTreeMap::new(),
+            structure_parts: BTreeMap::new(),
             access: BTreeMap::new(),
             globals: BTreeMap::new(),
             enum_values: BTreeMap::new(),

@@ -59,6 +59,16 @@ impl Checker<'_> {
         }
     }
 
+    /// NOT where a value of the type is expected, which a literal takes if it is one of bits: `NOT 16#0F`.
+    pub(super) fn not_as(&mut self, inner: Expr, expected: TypeId, span: Span) -> Expr {
+        let elem = self.types.elem(expected);
+        let inner = match elem.filter(|e| e.is_bit() && *e != Elem::Bool) {
+            Some(elem) if inner.ty == TypeId::UNTYPED_INT => self.coerce(inner, TypeId::of(elem)),
+            _ => inner,
+        };
+        self.unary(UnOp::Not, inner, span)
+    }
+
     pub(super) fn binary(&mut self, op: BinOp, left: Expr, right: Expr, span: Span) -> Expr {
         if left.ty == TypeId::ERROR || right.ty == TypeId::ERROR {
             return error_expr(span);

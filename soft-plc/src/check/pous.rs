@@ -350,7 +350,11 @@ impl<'p> Checker<'p> {
             }
             self.enter(Some(id));
             let syntax = self.syntax_of(id);
-            let mut body = self.edge_calls(id);
+            let mut body = Vec::new();
+            if !syntax.body.is_empty() {
+                body.extend(self.enable_prologue(id));
+            }
+            body.extend(self.edge_calls(id));
             body.extend(self.stmts(&syntax.body));
             if body.is_empty()
                 && let Some(base) = self.pou(id).extends

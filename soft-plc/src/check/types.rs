@@ -12,6 +12,9 @@ use crate::types::{Elem, Field, STRING_LEN_DEFAULT, STRING_LEN_MAX, TypeId, Type
 /// Largest number of elements of one array.
 const ARRAY_ELEMENTS_MAX: i128 = 128 * 1024 * 1024;
 
+/// Largest number of fields of one structure, with those of the structures in it: each is looked at by itself.
+const STRUCTURE_PARTS_MAX: u64 = 1 << 20;
+
 impl<'p> Checker<'p> {
     /// The type number `index` of the project.
     pub(super) fn resolve_declared(&mut self, index: usize, used_at: Span) -> TypeId {
@@ -175,6 +178,17 @@ impl<'p> Checker<'p> {
                         init: None,
                     });
                 }
+                let parts = list.iter().map(|f| self.parts(f.ty)).sum();
+                if parts > STRUCTURE_PARTS_MAX {
+                    let message = format!(
+                        "this structure has {parts} fields, with those of the structures in it"
+                    );
+                    self.report(
+                        Problem::error("E211", spec.span, message)
+                            .expected(format!("at most {STRUCTURE_PARTS_MAX}")),
+                    );
+                    return TypeId::ERROR;
+                }
                 let kind = TypeKind::Struct { fields: list };
                 let ahead = name.and_then(|n| self.ahead.remove(&key(n)));
                 let id = match ahead {
@@ -184,6 +198,7 @@ impl<'p> Checker<'p> {
                     }
                     None => self.types.add(new_name, kind),
                 };
+                self.structure_parts.insert(id, parts);
                 for (field, init) in inits {
                     self.pending_inits.push((Pending::Field(id, field), init));
                 }
@@ -199,6 +214,18 @@ impl<'p> Checker<'p> {
                 }
                 id
             }
+        }
+    }
+
+    /// How many fields a value of the type has, with those of the structures in it; an array counts as one element.
+    fn parts(&self, ty: TypeId) -> u64 {
+        match self.types.kind(ty) {
+            TypeKind::Array { elem, .. } => self.parts(*elem),
+            TypeKind::Struct { .. } => {
+                let root = self.types.get(ty).same_as;
+                self.structure_parts.get(&root).copied().unwrap_or(1)
+            }
+            _ => 1,
         }
     }
 

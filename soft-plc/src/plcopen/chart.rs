@@ -178,13 +178,21 @@ impl Reader<'_> {
                 self.before(
                     *node,
                     &level.nodes,
-                    &["transition"],
+                    &["transition", "step", "macroStep"],
                     &mut BTreeSet::new(),
                     &mut |t| {
                         leading.push(t);
                     },
                 );
                 for transition in leading {
+                    if is_place(&transition) {
+                        let span = self.tag(*node);
+                        let from = transition.attribute("name").unwrap_or_default();
+                        let message =
+                            format!("no transition stands between step `{from}` and this one");
+                        self.report(Problem::error("E706", span, message));
+                        continue;
+                    }
                     if let Some(index) = transitions.iter().position(|t| *t == transition) {
                         sfc.transitions[index].to.extend(targets.iter().cloned());
                     }

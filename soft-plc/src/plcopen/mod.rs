@@ -517,9 +517,8 @@ impl Reader<'_> {
                 .attribute("interval")
                 .and_then(|text| self.interval(task, text));
             for instance in elements(task, "pouInstance") {
-                resource
-                    .instances
-                    .push(program_instance(instance, Some(name.clone())));
+                let instance = self.program_instance(instance, Some(name.clone()));
+                resource.instances.push(instance);
             }
             resource.tasks.push(Task {
                 name,
@@ -529,10 +528,12 @@ impl Reader<'_> {
                     .attribute("priority")
                     .and_then(|p| p.parse().ok())
                     .unwrap_or(0),
+                span: self.tag(task),
             });
         }
         for instance in elements(node, "pouInstance") {
-            resource.instances.push(program_instance(instance, None));
+            let instance = self.program_instance(instance, None);
+            resource.instances.push(instance);
         }
         resource
     }
@@ -565,19 +566,20 @@ impl Reader<'_> {
             }
         }
     }
-}
 
-fn program_instance(node: Node<'_, '_>, task: Option<String>) -> ProgramInstance {
-    let name = node.attribute("name").unwrap_or_default().to_owned();
-    let program = node
-        .attribute("typeName")
-        .filter(|t| !t.is_empty())
-        .unwrap_or(&name)
-        .to_owned();
-    ProgramInstance {
-        name,
-        program,
-        task,
-        connections: Vec::new(),
+    fn program_instance(&mut self, node: Node<'_, '_>, task: Option<String>) -> ProgramInstance {
+        let name = node.attribute("name").unwrap_or_default().to_owned();
+        let program = node
+            .attribute("typeName")
+            .filter(|t| !t.is_empty())
+            .unwrap_or(&name)
+            .to_owned();
+        ProgramInstance {
+            name,
+            program,
+            task,
+            connections: Vec::new(),
+            span: self.tag(node),
+        }
     }
 }

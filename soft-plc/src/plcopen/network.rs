@@ -7,7 +7,7 @@
 mod blocks;
 mod values;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use roxmltree::Node;
 
@@ -171,8 +171,39 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
         statements
     }
 
+    /// Elements that a connection or jump could mean as well as another one.
+    fn refuse_doubles(&mut self, nodes: &[Node<'a, 'i>]) {
+        let mut seen = BTreeSet::new();
+        let silent = |node: &&Node<'_, '_>| SILENT.contains(&node.tag_name().name());
+        for node in nodes.iter().filter(|n| !silent(n)) {
+            let of = |tag: &str, name: &str| {
+                let found = node.has_tag_name_local(tag).then(|| node.attribute(name));
+                found.flatten().map(str::to_ascii_uppercase)
+            };
+            let names = [
+                ("E711", "label", of("label", "label")),
+                ("E610", "connector", of("connector", "name")),
+                (
+                    "E610",
+                    "localId",
+                    node.attribute("localId").map(str::to_owned),
+                ),
+            ];
+            for (code, what, name) in names {
+                if let Some(name) = name
+                    && !seen.insert((what, name.clone()))
+                {
+                    let span = self.reader.tag(*node);
+                    let message = format!("the {what} `{name}` stands twice");
+                    self.reader.report(Problem::error(code, span, message));
+                }
+            }
+        }
+    }
+
     fn all(&mut self, body: Node<'a, 'i>) {
         let nodes: Vec<Node<'a, 'i>> = body.children().filter(Node::is_element).collect();
+        self.refuse_doubles(&nodes);
         self.labels = nodes
             .iter()
             .filter(|n| n.has_tag_name_local("label"))

@@ -259,6 +259,7 @@ pub struct Task {
     pub interval_ns: Option<i64>,
     pub single: Option<String>,
     pub priority: i32,
+    pub span: Span,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -268,6 +269,7 @@ pub struct ProgramInstance {
     pub task: Option<String>,
     /// What is connected to its inputs and outputs.
     pub connections: Vec<Connection>,
+    pub span: Span,
 }
 
 /// `in := global` or `out => global` of a program instance.

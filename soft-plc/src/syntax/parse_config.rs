@@ -6,7 +6,7 @@ use crate::syntax::ast::{
     Task,
 };
 use crate::syntax::lexer::{Kw, Tok};
-use crate::syntax::parser::{Parsed, Parser, Stop};
+use crate::syntax::parser::{Parsed, Parser};
 
 impl Parser<'_> {
     pub(super) fn configuration(&mut self, project: &mut Project) -> Parsed<()> {
@@ -57,7 +57,7 @@ impl Parser<'_> {
                 if !self.eat_kw(Kw::Retain) {
                     self.eat_kw(Kw::NonRetain);
                 }
-                let name = self.ident("the name of the program instance")?.name;
+                let Ident { name, span } = self.ident("the name of the program instance")?;
                 let task = if self.eat_word("WITH") {
                     Some(self.ident("the name of a task")?.name)
                 } else {
@@ -84,6 +84,7 @@ impl Parser<'_> {
                     program,
                     task,
                     connections,
+                    span,
                 });
             }
             Tok::Semi => {
@@ -156,8 +157,10 @@ impl Parser<'_> {
     }
 
     fn task(&mut self) -> Parsed<Task> {
+        let Ident { name, span } = self.ident("the name of the task")?;
         let mut task = Task {
-            name: self.ident("the name of the task")?.name,
+            name,
+            span,
             ..Task::default()
         };
         self.expect(Tok::LParen, "`(` and the settings of the task")?;
@@ -184,7 +187,6 @@ impl Parser<'_> {
                             "INTERVAL := a duration, PRIORITY := 0..65535, or SINGLE := a variable",
                         ),
                     );
-                    return Err(Stop);
                 }
             }
             if !self.eat(Tok::Comma) {

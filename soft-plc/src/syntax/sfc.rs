@@ -12,6 +12,7 @@ use crate::syntax::ast::{
     BinOp, Expr, ExprKind, Ident, Init, Pou, PouKind, Stmt, StmtKind, VarDecl, VarSection,
 };
 use crate::syntax::build::{At, block};
+use crate::syntax::walk::each_target;
 
 /// Name of the library's type of a step.
 pub const STEP_TYPE: &str = "__SFC_STEP";
@@ -210,7 +211,30 @@ impl Sfc {
                 problems.push(Problem::error("E707", action.name.span, message));
             }
         }
+        let inline = self.steps.iter().flat_map(|s| &s.associations);
+        let inline = inline.filter_map(|a| match &a.action {
+            Target::Inline(body) => Some(body),
+            Target::Named(_) => None,
+        });
+        let bodies = self.actions.iter().map(|a| &a.body).chain(inline);
+        for body in bodies.chain(self.transitions.iter().map(|t| &t.before)) {
+            each_target(body, &mut |to| self.refuse_step_flag(to, problems));
+        }
         problems.len() == before
+    }
+
+    /// `Step.X` and `Step.T` are the chart's own (clause 6.7.1).
+    fn refuse_step_flag(&self, to: &Expr, problems: &mut Vec<Problem>) {
+        if let ExprKind::Field(of, flag) = &to.kind
+            && let ExprKind::Name(step) = &of.kind
+            && (same(&flag.name, "X") || same(&flag.name, "T"))
+            && self.steps.iter().any(|s| same(&s.name.name, step))
+        {
+            let message = format!("`{step}.{}` cannot be written: the chart does", flag.name);
+            problems.push(
+                Problem::error("E709", to.span, message).hint("lead to the step with a transition"),
+            );
+        }
     }
 
     /// Adds the chart's variables to the POU and makes its statements the POU's body.

@@ -21,6 +21,31 @@ pub(crate) fn each_body(kind: &mut StmtKind, f: &mut dyn FnMut(&mut Vec<Stmt>)) 
     }
 }
 
+/// Calls `f` with what each assignment in the statements writes.
+pub(crate) fn each_target(body: &[Stmt], f: &mut dyn FnMut(&Expr)) {
+    for stmt in body {
+        match &stmt.kind {
+            StmtKind::Assign(to, _) | StmtKind::TryAssign(to, _) => f(to),
+            StmtKind::If(branches, otherwise) => {
+                branches.iter().for_each(|(_, body)| each_target(body, f));
+                each_target(otherwise, f);
+            }
+            StmtKind::Case(_, branches, otherwise) => {
+                branches.iter().for_each(|(_, body)| each_target(body, f));
+                each_target(otherwise.as_deref().unwrap_or_default(), f);
+            }
+            StmtKind::For(head) => {
+                f(&head.var);
+                each_target(&head.body, f);
+            }
+            StmtKind::While(_, body) | StmtKind::Repeat(body, _) | StmtKind::Block(body) => {
+                each_target(body, f);
+            }
+            _ => {}
+        }
+    }
+}
+
 /// Calls `f` with each expression in the statements, parts after the whole.
 pub(crate) fn each_expr(body: &[Stmt], f: &mut dyn FnMut(&Expr)) {
     for stmt in body {

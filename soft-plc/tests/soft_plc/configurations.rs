@@ -1,7 +1,9 @@
 //! Configurations: resources, tasks, instances of programs, access paths, globals of each level, as programs run alone.
 
 use fam_soft_plc::standalone::{self, Options, Shown};
-use fam_soft_plc::{Engine, EngineOptions, Instance, SourceFile};
+use fam_soft_plc::{
+    CheckOptions, Engine, EngineOptions, Instance, SourceFile, check, parse_project,
+};
 
 /// What the names show after each of so many scans.
 fn run(text: &str, names: &[&str], scans: u32) -> Vec<String> {
@@ -101,4 +103,65 @@ END_CONFIGURATION"
         run(&text, &["Count.n", "b.n"], 4),
         ["2 3", "4 3", "6 6", "8 6"]
     );
+}
+
+#[test]
+fn tasks_and_instances_that_mean_nothing_are_named() {
+    let wrong = [
+        (
+            "TASK t (INTERVAL := T#5ms); TASK T (INTERVAL := T#20ms); PROGRAM a WITH t : Count;",
+            "E236 the task `T`",
+        ),
+        (
+            "TASK t (INTERVAL := T#5ms); PROGRAM a WITH t : Count; PROGRAM A WITH t : Count;",
+            "E236 the program instance `A`",
+        ),
+        (
+            "TASK t (INTERVAL := T#5ms); PROGRAM a WITH u : Count;",
+            "E237 there is no task `u`",
+        ),
+        (
+            "TASK t (INTERVAL := T#5ms); PROGRAM a WITH t : Nope;",
+            "E237 there is no PROGRAM `Nope`",
+        ),
+        (
+            "TASK t (INTERVAL := T#0s); PROGRAM a WITH t : Count;\nTASK v (INTERVAL := T#10ms); PROGRAM b WITH v : Count;",
+            "W715 the task `t` has no interval",
+        ),
+        (
+            "TASK t (INTERVAL := T#20ms); PROGRAM a WITH t : Count;\nTASK v (INTERVAL := T#50ms); PROGRAM b WITH v : Count;",
+            "W715 the task `v` runs every 60 ms and not every 50 ms",
+        ),
+        (
+            "TASK t (INTERVAL := 10, PRIORITY := 1); PROGRAM a WITH t : Count;",
+            "E120 this is no setting",
+        ),
+    ];
+    for (lines, expected) in wrong {
+        let text = format!("{PROGRAMS}\nCONFIGURATION Plant\n{lines}\nEND_CONFIGURATION");
+        let (project, parsed) = parse_project(&[SourceFile::new("p.st", &text)]);
+        let mut said: Vec<String> = parsed
+            .iter()
+            .map(|d| format!("{} {}", d.code, d.message))
+            .collect();
+        match check(&project, CheckOptions::default()) {
+            Ok(typed) => said.extend(
+                typed
+                    .warnings
+                    .iter()
+                    .map(|d| format!("{} {}", d.code, d.message)),
+            ),
+            Err(problems) => {
+                said.extend(problems.iter().map(|d| format!("{} {}", d.code, d.message)))
+            }
+        }
+        let found = said
+            .iter()
+            .filter(|s| s.starts_with(['E']) || s.starts_with("W715"));
+        let found: Vec<&String> = found.collect();
+        assert!(
+            found.len() == 1 && found[0].starts_with(expected),
+            "{lines}: {said:?}"
+        );
+    }
 }

@@ -74,6 +74,26 @@ fn what_is_within_the_limits_compiles() {
 }
 
 #[test]
+fn structures_that_hold_each_other_many_times_are_answered() {
+    let nested = |levels: usize| {
+        let types: String = (0..levels)
+            .map(|n| format!("S{n} : STRUCT a, b : S{}; END_STRUCT;\n", n + 1))
+            .collect();
+        format!(
+            "TYPE {types}S{levels} : STRUCT v : INT; END_STRUCT; END_TYPE PROGRAM P VAR s : S0; END_VAR s.a := s.b; END_PROGRAM"
+        )
+    };
+    assert!(!attempt(&nested(18)).contains("error"));
+    for levels in [30, 60, 100] {
+        let said = attempt(&nested(levels));
+        assert!(
+            said.contains("this structure has 2097152 fields"),
+            "{levels}: {said}"
+        );
+    }
+}
+
+#[test]
 fn sizes_are_limited_with_a_message() {
     for (decl, message) in [
         (

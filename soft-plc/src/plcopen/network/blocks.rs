@@ -206,6 +206,19 @@ impl<'a, 'i> Network<'_, '_, 'a, 'i> {
                     .unwrap_or(at.name(instance));
                 at.expr(ExprKind::Field(Box::new(base), at.ident(&name)))
             }
+            (None, None) if pin.is_none() && !outputs.is_empty() => {
+                let name = node.attribute("typeName").unwrap_or_default();
+                let has: Vec<&str> = outputs
+                    .iter()
+                    .filter_map(|o| o.attribute("formalParameter"))
+                    .collect();
+                let message = format!("this {name} has no output `{formal}`");
+                self.reader.report(
+                    Problem::error("E610", span, message)
+                        .expected(format!("one of {}", has.join(", "))),
+                );
+                return None;
+            }
             (None, None) => {
                 self.reader.report(
                     Problem::error(
