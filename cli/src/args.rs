@@ -510,7 +510,7 @@ pub struct RunArgs {
     /// Time from one scan to the next; else the shortest interval of the tasks, or 10
     #[arg(long, value_name = "MS")]
     pub cycle_ms: Option<f64>,
-    /// Table of values to set: a column `scan` or `time_ms`, then one for each variable
+    /// Table of values to set before scans: a column `scan` (from 1 as `--trace` counts; from 0 if it has a row 0) or `time_ms`, then one for each variable
     #[arg(long, value_name = "FILE")]
     pub inputs: Option<PathBuf>,
     /// Table of values after each scan

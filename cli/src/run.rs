@@ -257,8 +257,8 @@ enum When {
 }
 
 impl Inputs {
-    /// A table with a first column `scan` (counted from 0) or `time_ms`, and one column for each variable. A value holds
-    /// until another one comes; an empty field changes nothing.
+    /// A table with a first column `scan` (counted from 1 as `--trace` does, or from 0 if it has a row 0) or `time_ms`, and one
+    /// column for each variable. A value holds until another one comes; an empty field changes nothing.
     fn read(path: &Path, instance: &Instance) -> Result<Inputs> {
         let text = text_of(path)?;
         let file = path.display().to_string();
@@ -286,9 +286,21 @@ impl Inputs {
             .iter()
             .map(|name| find(instance, name.trim()).with_context(|| file.clone()))
             .collect::<Result<Vec<_>>>()?;
+        for (index, info) in columns.iter().enumerate() {
+            if columns[..index].iter().any(|c| c.path == info.path) {
+                bail!("{file}: two columns are `{}`", info.path);
+            }
+        }
         let mut rows = Vec::new();
         for (number, line) in lines {
             let cells = fields(line);
+            if cells.len() > names.len() {
+                let (has, more) = (names.len(), cells.len());
+                bail!(
+                    "{file}, line {}: {more} fields, and the first line names {has}",
+                    number + 1
+                );
+            }
             let at = cells.first().map(String::as_str).unwrap_or_default().trim();
             let when = if by_scan {
                 at.parse().ok().map(When::Scan)
@@ -308,6 +320,19 @@ impl Inputs {
                 .collect();
             rows.push((when, values));
         }
+        // As `--trace` counts, unless the table has a row 0.
+        let from_0 = rows.iter().any(|(when, _)| matches!(when, When::Scan(0)));
+        for (when, _) in &mut rows {
+            if let When::Scan(scan) = when
+                && !from_0
+            {
+                *scan -= 1;
+            }
+        }
+        rows.sort_by_key(|(when, _)| match when {
+            When::Scan(scan) => i128::from(*scan),
+            When::TimeNs(ns) => i128::from(*ns),
+        });
         Ok(Inputs {
             rows,
             next: 0,

@@ -53,6 +53,46 @@ END_PROGRAM
 ";
 
 #[test]
+fn rows_of_inputs_count_scans_as_the_trace_does() {
+    let text = "PROGRAM Main VAR x, y : INT; END_VAR y := x; END_PROGRAM";
+    for (table, expected) in [
+        ("scan,x\n2,5\n", "1,0 2,5 3,5"),
+        ("scan,x\n3,6\n1,5\n", "1,5 2,5 3,6"),
+        ("scan,x\n0,4\n2,5\n", "1,4 2,4 3,5"),
+    ] {
+        let (dir, paths) = files(&[("p.st", text), ("inputs.csv", table)]);
+        let trace = dir.path().join("trace.csv").display().to_string();
+        let (code, _, err) = run(&[
+            "run", &paths[0], "--scans", "3", "--inputs", &paths[1], "--trace", &trace, "--watch",
+            "y",
+        ]);
+        assert_eq!(code, 0, "{err}");
+        let rows = std::fs::read_to_string(&trace).unwrap();
+        let seen: Vec<String> = rows
+            .lines()
+            .skip(1)
+            .map(|row| {
+                let cells: Vec<&str> = row.split(',').collect();
+                format!("{},{}", cells[0], cells[2])
+            })
+            .collect();
+        assert_eq!(seen.join(" "), expected, "{table}");
+    }
+    for (table, said) in [
+        (
+            "scan,x\n1,5,6\n",
+            "line 2: 3 fields, and the first line names 2",
+        ),
+        ("scan,x,X\n1,5,6\n", "two columns are `Main.x`"),
+    ] {
+        let (_dir, paths) = files(&[("p.st", text), ("inputs.csv", table)]);
+        let (code, _, err) = run(&["run", &paths[0], "--inputs", &paths[1]]);
+        assert_ne!(code, 0, "{table}");
+        assert!(err.contains(said), "{err}");
+    }
+}
+
+#[test]
 fn a_program_runs_in_simulated_time_with_inputs_and_trace() {
     let inputs = "time_ms,level\n0,5\n20,12\n";
     let (dir, paths) = files(&[("pump.st", PUMP), ("inputs.csv", inputs)]);

@@ -265,10 +265,7 @@ impl Checker<'_> {
         let name = self.pou(pou).name.clone();
         let formal = args.iter().filter(|a| a.name.is_some()).count();
         if formal != 0 && formal != args.len() {
-            self.report(
-                Problem::error("E408", span, "named and unnamed arguments cannot be mixed")
-                    .hint("name all arguments: `in := x`"),
-            );
+            self.report(mixed_arguments(span));
             return None;
         }
         let mut pairs: Vec<(VarId, &Arg)> = Vec::new();
@@ -610,4 +607,9 @@ impl Checker<'_> {
         }
         (!failed).then_some(call)
     }
+}
+
+pub(super) fn mixed_arguments(span: Span) -> Problem {
+    Problem::error("E408", span, "named and unnamed arguments cannot be mixed")
+        .hint("name all arguments: `in := x`")
 }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::check::tree::{
-    Expr, ExprKind, Location, Place, Pou, PouId, Root, StepKind, Stmt, StmtKind, TypedProject,
+    Expr, ExprKind, For, Location, Place, Pou, PouId, Root, StepKind, Stmt, StmtKind, TypedProject,
     VarId,
 };
 use crate::check::visit::{Node, visit, visit_writes};
@@ -139,7 +139,10 @@ impl Linter<'_> {
                     }
                     self.statements(otherwise, pou);
                 }
-                StmtKind::For(data) => self.statements(&data.body, pou),
+                StmtKind::For(data) => {
+                    self.loop_variable(data, pou);
+                    self.statements(&data.body, pou);
+                }
                 // WHILE TRUE with an EXIT inside is usual.
                 StmtKind::While(condition, inner) => {
                     if !matches!(condition.kind, ExprKind::Const(Value::Bool(true))) {
@@ -156,6 +159,27 @@ impl Linter<'_> {
                 StmtKind::Block(inner) => self.statements(inner, pou),
                 _ => {}
             }
+        }
+    }
+
+    /// The statements of a FOR shall not write its variable (clause 7.3.3.4.2): it may never end.
+    fn loop_variable(&mut self, data: &For, pou: &str) {
+        let Root::Var(variable) = data.var.root else {
+            return;
+        };
+        if !data.var.steps.is_empty() {
+            return;
+        }
+        let mut written = None;
+        visit_writes(&data.body, &mut |place, _| {
+            if matches!(place.root, Root::Var(id) if id == variable) {
+                written.get_or_insert(place.span);
+            }
+        });
+        if let Some(span) = written {
+            let name = &self.project.var(variable).name;
+            let message = format!("`{name}` counts the loop, and is written in it");
+            self.warn("W716", span, pou, message, "use another variable, or WHILE");
         }
     }
 

@@ -1,5 +1,6 @@
 //! Calls of standard functions: conversions, operators in functional form, and the rest.
 
+use crate::check::calls::mixed_arguments;
 use crate::check::expr::error_expr;
 use crate::check::stdfun::{self, Signature, StdFun};
 use crate::check::tree::{Expr, ExprKind, Limits};
@@ -104,6 +105,11 @@ impl Checker<'_> {
         expected: Option<TypeId>,
         span: Span,
     ) -> Option<Vec<Expr>> {
+        let formal = args.iter().filter(|a| a.name.is_some()).count();
+        if formal != 0 && formal != args.len() {
+            self.report(mixed_arguments(span));
+            return None;
+        }
         let mut slots: Vec<Option<Expr>> = Vec::new();
         for (index, arg) in args.iter().enumerate() {
             let position = match &arg.name {

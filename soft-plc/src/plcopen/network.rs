@@ -13,6 +13,7 @@ use roxmltree::Node;
 
 use super::{Reader, element};
 use crate::diag::Problem;
+use crate::source::Span;
 use crate::syntax::ast::{Expr, ExprKind, Pou, Stmt, StmtKind, VarDecl, VarSection};
 use crate::syntax::build::{At, block, jump, with_jumps};
 
@@ -74,6 +75,8 @@ pub struct Network<'r, 's, 'a, 'i> {
     wires: BTreeMap<(String, String), Expr>,
     /// Blocks that run only at times, with what says whether they have.
     enabled: BTreeMap<String, Expr>,
+    /// Instances that blocks call, with the type that is drawn.
+    instances: Vec<(String, String, Span)>,
     kept: Vec<VarDecl>,
     temps: Vec<VarDecl>,
     segments: Vec<Vec<Stmt>>,
@@ -112,6 +115,7 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
             states: BTreeMap::new(),
             wires: BTreeMap::new(),
             enabled: BTreeMap::new(),
+            instances: Vec::new(),
             kept: Vec::new(),
             temps: Vec::new(),
             segments: vec![Vec::new()],
@@ -152,7 +156,8 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
         (statements, value)
     }
 
-    fn finish(self, body: Node<'a, 'i>, pou: &mut Pou) -> Vec<Stmt> {
+    fn finish(mut self, body: Node<'a, 'i>, pou: &mut Pou) -> Vec<Stmt> {
+        self.refuse_other_types(pou);
         let at = At(self.reader.tag(body));
         let mut temps = self.temps;
         let statements = match &self.pc {

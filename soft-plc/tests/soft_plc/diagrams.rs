@@ -256,6 +256,24 @@ fn enable_inputs_stop_a_function_and_keep_its_value() {
     assert_eq!((m.text("r"), m.text("ok")), ("78".into(), "FALSE".into()));
 }
 
+#[test]
+fn a_result_of_any_integer_has_the_type_of_what_it_goes_to() {
+    let body = [
+        input(1, "x"),
+        block(2, "TRUNC", "", &["IN=1"], &["OUT"]),
+        output(3, "r", &["2.OUT"]),
+        output(4, "wide", &["2.OUT"]),
+    ]
+    .concat();
+    let mut m = machine(
+        &["x:REAL", "r:INT", "wide:LINT"],
+        &format!("<FBD>{body}</FBD>"),
+    );
+    m.set("x", Value::Real(-3.7));
+    m.scan();
+    assert_eq!((m.text("r"), m.text("wide")), ("-3".into(), "-3".into()));
+}
+
 fn contact(id: u32, more: &str, variable: &str, source: &[&str]) -> String {
     format!(
         "<contact localId=\"{id}\" {more}>{}<connectionPointOut/><variable>{variable}</variable></contact>",
@@ -439,10 +457,42 @@ fn what_a_diagram_lacks_is_an_error_with_its_line() {
             format!("<jump localId=\"1\" label=\"x\">{}</jump>", from(&[])),
             "E711",
         ),
+        (block(1, "TON", "t", &[], &["Q"]), "E613"),
+        (
+            block(1, "AND", "", &["IN1=2", "IN2=2"], &["OUT"])
+                + &input(2, "TRUE")
+                + &output(3, "b", &["1.QQ"]),
+            "E610",
+        ),
     ] {
-        let text = project(&["r:INT"], &format!("<FBD>\n{body}</FBD>"), "");
+        let text = project(
+            &["r:INT", "b:BOOL", "t:TOF"],
+            &format!("<FBD>\n{body}</FBD>"),
+            "",
+        );
         let failed = compile(&text).expect_err(code);
         assert!(failed.contains(code), "{code}: {failed}");
         assert!(failed.contains("p.xml:3:"), "{failed}");
+    }
+}
+
+#[test]
+fn elements_of_one_name_are_told_apart_by_nobody() {
+    let label = |id: u32| format!("<label localId=\"{id}\" label=\"x\"/>");
+    let connector = |id: u32| {
+        format!(
+            "<connector localId=\"{id}\" name=\"c\">{}</connector>",
+            from(&[])
+        )
+    };
+    for (body, code) in [
+        (label(1) + &label(2), "E711"),
+        (connector(1) + &connector(2), "E610"),
+        (input(1, "r") + &input(1, "2"), "E610"),
+    ] {
+        let text = project(&["r:INT"], &format!("<FBD>{body}</FBD>"), "");
+        let failed = compile(&text).expect_err(code);
+        assert_eq!(failed.matches("stands twice").count(), 1, "{failed}");
+        assert!(failed.contains(code), "{code}: {failed}");
     }
 }

@@ -161,10 +161,13 @@ IF x > y THEN RETURN; END_IF;
 END_FUNCTION
 PROGRAM S VAR n : INT; END_VAR
 n := F(n); ABS(n); %QX0.0 := n > 1;
+END_PROGRAM
+PROGRAM T VAR i : INT; END_VAR
+FOR i := 1 TO 3 DO i := i + 1; END_FOR;
 END_PROGRAM";
     let found = codes(text, Dialect::Standard);
     for code in [
-        "W702 2", "W704 3", "W703 5", "W706 11", "W708 11", "W705 15", "W707 15",
+        "W702 2", "W704 3", "W703 5", "W706 11", "W708 11", "W705 15", "W707 15", "W716 18",
     ] {
         assert!(found.contains(&code.to_owned()), "{code}: {found:?}");
     }

@@ -7,7 +7,7 @@ use roxmltree::Node;
 use super::{Network, PLAIN, State, is_true};
 use crate::diag::Problem;
 use crate::plcopen::{element, elements};
-use crate::syntax::ast::{Arg, Expr, ExprKind, StmtKind};
+use crate::syntax::ast::{Arg, Expr, ExprKind, Pou, StmtKind, TypeSpecKind};
 use crate::syntax::build::At;
 
 impl<'a, 'i> Network<'_, '_, 'a, 'i> {
@@ -61,6 +61,8 @@ impl<'a, 'i> Network<'_, '_, 'a, 'i> {
         });
         match instance {
             Some(instance) => {
+                self.instances
+                    .push((instance.to_owned(), type_name.to_owned(), span));
                 let part = self.reader.attribute_part(node, "instanceName");
                 let callee = part
                     .and_then(|p| self.parse(&p))
@@ -81,6 +83,7 @@ impl<'a, 'i> Network<'_, '_, 'a, 'i> {
                     args.iter_mut().for_each(|a| a.name = None);
                 }
                 let mut result = None;
+                let mut kept_argument = None;
                 for output in &outputs {
                     let name = output
                         .attribute("formalParameter")
@@ -96,15 +99,33 @@ impl<'a, 'i> Network<'_, '_, 'a, 'i> {
                                 .any(|n| n.eq_ignore_ascii_case(name))
                             || !known);
                     let wire = self.wire(at, "w", enable.is_some());
-                    self.wires
-                        .insert((id.to_owned(), name.to_ascii_uppercase()), at.name(&wire));
+                    let key = (id.to_owned(), name.to_ascii_uppercase());
+                    if is_result
+                        && !known
+                        && type_name.eq_ignore_ascii_case("TRUNC")
+                        && args.len() == 1
+                    {
+                        // Its result has the type of what it goes to, so that it is taken there.
+                        let unnamed = Arg {
+                            name: None,
+                            output: false,
+                            negated: false,
+                            value: Some(at.name(&wire)),
+                        };
+                        let value = at.call(at.name(type_name), vec![unnamed]);
+                        self.wires.insert(key, value);
+                        kept_argument = args[0].value.clone();
+                        result = Some(wire);
+                        continue;
+                    }
+                    self.wires.insert(key, at.name(&wire));
                     if is_result {
                         result = Some(wire);
                     } else {
                         args.push(at.output(name, at.name(&wire)));
                     }
                 }
-                let call = at.call(at.name(type_name), args);
+                let call = kept_argument.unwrap_or_else(|| at.call(at.name(type_name), args));
                 run.push(match result {
                     Some(wire) => at.assign(at.name(&wire), call),
                     None => at.stmt(StmtKind::Call(call)),
@@ -156,6 +177,28 @@ impl<'a, 'i> Network<'_, '_, 'a, 'i> {
     pub(super) fn ran(&self, id: &str, formal: &str) -> Option<Expr> {
         let ran = self.enabled.get(id).cloned();
         ran.filter(|_| !formal.eq_ignore_ascii_case("ENO"))
+    }
+
+    /// Blocks are drawn as what their instances are.
+    pub(super) fn refuse_other_types(&mut self, pou: &Pou) {
+        let same = |a: &str, b: &str| {
+            let last = |name: &'_ str| name.rsplit('.').next().unwrap_or_default().to_owned();
+            last(a).eq_ignore_ascii_case(&last(b))
+        };
+        for (instance, drawn, span) in std::mem::take(&mut self.instances) {
+            let mut decls = pou.vars.iter().flat_map(|b| &b.decls);
+            let decl = decls.find(|d| d.name.name.eq_ignore_ascii_case(&instance));
+            if let Some(TypeSpecKind::Named(declared)) = decl.map(|d| &d.spec.kind)
+                && !same(&declared.name, &drawn)
+            {
+                let declared = &declared.name;
+                let message =
+                    format!("`{instance}` is drawn as {drawn}, and declared as {declared}");
+                self.reader.report(
+                    Problem::error("E613", span, message).expected(format!("a block {declared}")),
+                );
+            }
+        }
     }
 
     pub(super) fn block_value(
