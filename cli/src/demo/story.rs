@@ -5,7 +5,6 @@ use super::stage::{Stage, WAIT};
 use anyhow::Result;
 use fam_proto::{CommandKind, ControllerId, EventKind, McId};
 use nix::sys::signal::Signal;
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Number of steps, for the progress display.
@@ -21,6 +20,8 @@ fn names(mcs: &[McId]) -> String {
 
 /// Points of workload that two reports of the same work may differ by.
 const NOISE_PERCENT: f64 = 8.0;
+/// How often controllers report their workload.
+const REPORT_EVERY: Duration = Duration::from_millis(100);
 
 /// Plays the whole story. Errors end it; checks that fail do not.
 pub fn play(s: &mut Stage) -> Result<()> {
@@ -86,9 +87,7 @@ fn join(s: &mut Stage, controller: &'static str) -> Result<()> {
         names(&moved),
     );
     planned_gaps(s, controller, &stretch);
-    let after = s.eye.seen().workloads();
-    let loads: BTreeMap<&str, f64> = after.iter().map(|(c, p)| (c.as_str(), *p)).collect();
-    let peak = loads.values().copied().fold(0.0, f64::max);
+    let peak = peak_workload(s);
     let before = s.steps.last().map_or(0.0, |step| {
         step.before.iter().map(|(_, p)| *p).fold(0.0, f64::max)
     });
@@ -99,6 +98,24 @@ fn join(s: &mut Stage, controller: &'static str) -> Result<()> {
         format!("from {before:.0} % to {peak:.0} % of the limit"),
     );
     Ok(())
+}
+
+/// The highest workload, as the median of what the controllers report one after the other: a single report is of a tenth of a
+/// second, and the machine may have been busy with something else in it.
+fn peak_workload(s: &Stage) -> f64 {
+    const REPORTS: usize = 5;
+    let mut peaks: Vec<f64> = (0..REPORTS)
+        .map(|_| {
+            std::thread::sleep(REPORT_EVERY);
+            let loads = s.eye.seen().workloads();
+            loads
+                .iter()
+                .map(|(_, percent)| *percent)
+                .fold(0.0, f64::max)
+        })
+        .collect();
+    peaks.sort_by(f64::total_cmp);
+    peaks[REPORTS / 2]
 }
 
 /// In a planned move no MC misses a scan: no gap of two cycles or more, the machine's own stalls apart.
