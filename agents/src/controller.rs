@@ -29,9 +29,12 @@ pub const IMAGE_TICKS_MAX: u64 = 20;
 pub const OVERLOAD_REPORTS: u32 = 3;
 /// Fewer scans than this in an interval make no mean of their own.
 const SCANS_MIN: u64 = 4;
+/// The newest interval counts for a quarter of the mean: a stall of the machine in one tenth of a second is no workload, what lasts
+/// shows within half a second.
+const SMOOTHING: u64 = 4;
 
-/// How long after an MC ran here the longest scan seen counts more than the declared one, in microseconds. One slow scan must not
-/// keep the MC away for good.
+/// How long after an MC ran here the worst case seen counts more than the declared one, in microseconds. Slow scans must not keep
+/// the MC away for good.
 pub const MEASURED_KEPT_US: u64 = 3_000_000;
 
 const FULL_PERMILLE: u32 = 1_000;
@@ -51,7 +54,7 @@ struct Manager {
     refused: Option<String>,
 }
 
-/// Counts of an MC at the last report, and the mean that came of them.
+/// Counts of an MC at the last report, and the smoothed mean that came of them.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
 struct Interval {
     scans: u64,
@@ -88,7 +91,7 @@ pub struct ControllerAgent {
     images: BTreeMap<GatewayId, Now>,
     sample: NodeSample,
     intervals: BTreeMap<McId, Interval>,
-    /// Longest scan seen here, in microseconds, and when the MC ran here last.
+    /// Worst case seen here, in microseconds, and when the MC ran here last.
     measured_us: BTreeMap<McId, (u32, Now)>,
     /// MCs that run here, with their epochs.
     active: Vec<(McId, Epoch)>,
@@ -244,12 +247,7 @@ impl ControllerAgent {
     /// Newest counters of the scan thread and the host.
     pub fn sample(&mut self, sample: NodeSample, now: Now) {
         for mc in &sample.mcs {
-            let (longest, at) = self.measured_us.entry(mc.mc.clone()).or_default();
-            if now.since_us(*at) > MEASURED_KEPT_US {
-                *longest = 0;
-            }
-            *longest = (*longest).max(mc.max_us);
-            *at = now;
+            self.measured_us.insert(mc.mc.clone(), (mc.worst_us, now));
         }
         self.sample = sample;
     }
@@ -433,15 +431,18 @@ impl ControllerAgent {
                 interval = Interval::default(); // it was activated anew
             }
             let scans = mc.scans - interval.scans;
-            if scans >= SCANS_MIN || interval.mean_ns == 0 {
-                interval.mean_ns = mc.cpu_ns.saturating_sub(interval.cpu_ns) / scans.max(1);
+            let newest_ns = mc.cpu_ns.saturating_sub(interval.cpu_ns) / scans.max(1);
+            if scans > 0 && interval.scans < SCANS_MIN {
+                interval.mean_ns = newest_ns;
+            } else if scans >= SCANS_MIN {
+                interval.mean_ns = (interval.mean_ns * (SMOOTHING - 1) + newest_ns) / SMOOTHING;
             }
             interval.scans = mc.scans;
             interval.cpu_ns = mc.cpu_ns;
             loads.push(McLoad {
                 mc: mc.mc.clone(),
                 scan_us_mean: u32::try_from(interval.mean_ns / 1_000).unwrap_or(u32::MAX),
-                scan_us_max: mc.max_us,
+                scan_us_worst: mc.worst_us,
                 cycle_us: mc.cycle_us,
                 scans: u32::try_from(scans).unwrap_or(u32::MAX),
                 lag_us: mc.lag_us,
@@ -461,12 +462,11 @@ impl ControllerAgent {
             .iter()
             .map(|mc| {
                 let known = self.intervals.get(&mc.mc).filter(|i| i.scans <= mc.scans);
-                let from = known.cloned().unwrap_or_default();
-                let scans = mc.scans - from.scans;
-                let mean_ns = if scans >= SCANS_MIN || from.mean_ns == 0 {
-                    mc.cpu_ns.saturating_sub(from.cpu_ns) / scans.max(1)
+                let known_ns = known.map_or(0, |interval| interval.mean_ns);
+                let mean_ns = if known_ns > 0 {
+                    known_ns
                 } else {
-                    from.mean_ns
+                    mc.cpu_ns / mc.scans.max(1)
                 };
                 mean_ns * 1_000 / (u64::from(mc.cycle_us.max(1)) * limit)
             })

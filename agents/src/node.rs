@@ -89,8 +89,8 @@ pub struct McTotals {
     pub scans: u64,
     /// Their CPU time, in nanoseconds.
     pub cpu_ns: u64,
-    /// CPU time of the longest, in microseconds.
-    pub max_us: u32,
+    /// Worst case: CPU time that scans of the last minute reached more than twice, in microseconds.
+    pub worst_us: u32,
     /// How far MC time has fallen behind real time, in microseconds.
     pub lag_us: u64,
 }

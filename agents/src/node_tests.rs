@@ -168,7 +168,7 @@ fn sample(scans: u64, us_each: u64) -> Input<NodeLocal> {
             cycle_us: 5_000,
             scans,
             cpu_ns: scans * us_each * 1_000,
-            max_us: u32::try_from(us_each + 40).unwrap(),
+            worst_us: u32::try_from(us_each + 40).unwrap(),
             lag_us: 0,
         }],
         ..NodeSample::default()
@@ -320,6 +320,41 @@ fn a_refusal_is_told_once_and_the_node_keeps_trying() {
 }
 
 #[test]
+fn a_stall_is_no_workload_and_what_lasts_is() {
+    // CPU time of the 20 scans of each interval, in microseconds each, and the workload then said: 300 us of 5 ms at a limit of
+    // 60 % are 100 permille.
+    let intervals = [
+        (300, 100..=100),
+        (300, 100..=100),
+        (700, 130..=136), // 8 ms in which the machine did something else
+        (300, 120..=130),
+        (300, 115..=120),
+        (600, 130..=145),
+        (600, 145..=165),
+        (600, 155..=175),
+        (600, 165..=185),
+        (600, 170..=195),
+    ];
+    let mut n = joined();
+    let (mut scans, mut total_us) = (0, 0);
+    for (at, (us_each, expected)) in (1..).zip(intervals) {
+        scans += 20;
+        total_us += 20 * us_each;
+        let mut sample = sample(scans, 0);
+        if let Input::Local(NodeLocal::Sample(sample)) = &mut sample {
+            sample.mcs[0].cpu_ns = total_us * 1_000;
+        }
+        n.handle(sample, Now(at * 100_000 - 10_000));
+        n.handle_timeout(Now(at * 100_000));
+        let Some(Message::Report(report)) = bodies(&mut n).pop() else {
+            panic!("no report at {at}");
+        };
+        let said = report.workload_permille;
+        assert!(expected.contains(&said), "interval {at}: {said}");
+    }
+}
+
+#[test]
 fn a_report_tells_the_workload_of_the_interval() {
     let mut n = joined();
     // 300 us of 5 ms are 6 %; the limit is 60 %
@@ -333,7 +368,7 @@ fn a_report_tells_the_workload_of_the_interval() {
     assert_eq!(
         (
             report.mcs[0].scan_us_mean,
-            report.mcs[0].scan_us_max,
+            report.mcs[0].scan_us_worst,
             report.mcs[0].scans
         ),
         (300, 340, 20)

@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+/// A thread that still runs so long after it was put on a core is past its waking, and at its work.
+const AT_WORK_AFTER: Duration = Duration::from_micros(100);
 /// How long a process may take to end after SIGTERM before it is killed.
 const END_WITHIN: Duration = Duration::from_secs(15);
 
@@ -89,28 +91,44 @@ impl Process {
             .with_context(|| format!("cannot send {signal} to {}", self.name))
     }
 
-    /// Waits until a thread of this name begins to run, as the system tells; gives up after a while.
-    pub fn wait_thread_runs(&self, thread: &str, within: Duration) {
+    /// Waits until a thread of this name has been put on a core and is at work there, as the system tells; gives up after a while.
+    pub fn wait_thread_works(&self, thread: &str, within: Duration) {
         let tasks = PathBuf::from(format!("/proc/{}/task", self.child.id()));
-        let named = |task: &Path| {
-            std::fs::read_to_string(task.join("comm")).is_ok_and(|name| name.trim() == thread)
-        };
-        let task = std::fs::read_dir(tasks)
-            .ok()
-            .and_then(|tasks| tasks.flatten().map(|t| t.path()).find(|t| named(t)));
-        let Some(stat) = task.map(|task| task.join("stat")) else {
+        let read = |file: &Path| std::fs::read_to_string(file).unwrap_or_default();
+        let task = std::fs::read_dir(tasks).ok().and_then(|tasks| {
+            let mut tasks = tasks.flatten().map(|t| t.path());
+            tasks.find(|task| read(&task.join("comm")).trim() == thread)
+        });
+        let Some(task) = task else {
             return;
         };
+        let (stat, schedstat) = (task.join("stat"), task.join("schedstat"));
+        // Runnable, but perhaps still without a core.
         let runs = || {
-            let text = std::fs::read_to_string(&stat).unwrap_or_default();
-            text.rsplit(')')
-                .next()
-                .is_some_and(|rest| rest.trim_start().starts_with('R'))
+            let text = read(&stat);
+            let state = text.rsplit(')').next().unwrap_or_default();
+            state.trim_start().starts_with('R')
+        };
+        // How often it was put on a core; nothing where the system does not count it.
+        let turns = || {
+            read(&schedstat)
+                .split_whitespace()
+                .nth(2)
+                .map(str::to_owned)
         };
         let deadline = Instant::now() + within;
-        for wanted in [false, true] {
-            while runs() != wanted && Instant::now() < deadline {
+        while Instant::now() < deadline {
+            let before = turns();
+            while before.is_some() && turns() == before && Instant::now() < deadline {
                 std::hint::spin_loop();
+            }
+            let turn = turns();
+            let woken = Instant::now();
+            while woken.elapsed() < AT_WORK_AFTER {
+                std::hint::spin_loop();
+            }
+            if runs() && turns() == turn {
+                return;
             }
         }
     }

@@ -13,7 +13,7 @@ struct LoadCell {
     epoch: AtomicU64,
     scans: AtomicU64,
     cpu_ns: AtomicU64,
-    max_ns: AtomicU64,
+    worst_ns: AtomicU64,
     lag_us: AtomicU64,
     starved: AtomicU64,
     unsent: AtomicU64,
@@ -79,7 +79,7 @@ impl Shared {
                 (&cell.epoch, epoch.0),
                 (&cell.scans, work.scans),
                 (&cell.cpu_ns, work.cpu_ns),
-                (&cell.max_ns, work.max_ns()),
+                (&cell.worst_ns, work.worst_ns()),
                 (&cell.lag_us, lag_us),
                 (&cell.starved, work.starved),
                 (&cell.unsent, work.unsent),
@@ -131,7 +131,7 @@ impl Shared {
                 cycle_us: spec.cycle_us,
                 scans: get(&cell.scans),
                 cpu_ns: get(&cell.cpu_ns),
-                max_us: u32::try_from(get(&cell.max_ns) / 1_000).unwrap_or(u32::MAX),
+                worst_us: u32::try_from(get(&cell.worst_ns) / 1_000).unwrap_or(u32::MAX),
                 lag_us: get(&cell.lag_us),
             });
         let c = &self.counters;

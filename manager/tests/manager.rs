@@ -344,7 +344,7 @@ impl NodeAgents {
         let load = self.active().map(|_| McLoad {
             mc: station(),
             scan_us_mean: 50,
-            scan_us_max: 80,
+            scan_us_worst: 80,
             cycle_us: 5_000,
             scans: 20,
             lag_us: 0,

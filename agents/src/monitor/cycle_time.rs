@@ -1,8 +1,8 @@
-//! Cycle time: no MC's scan takes longer than its cycle, and no MC falls behind real time.
+//! Cycle time: no MC's scans take longer than its cycle again and again, and no MC falls behind real time.
 //!
 //! Raised once for each epoch of an MC; work balance answers what can be answered by moving, the rest is for people.
 
-use super::{Placement, QualityOfService};
+use super::{IMAGE_STALE_US, Placement, QualityOfService};
 use crate::cell_view::CellView;
 use fam_proto::{Cause, ControllerId, Epoch, McId, Now, QosEvent, ResourceReport};
 use std::collections::BTreeMap;
@@ -89,12 +89,14 @@ impl QualityOfService for CycleTime {
                         raised: false,
                     };
                 }
-                // A lag that grows by more than a cycle in each of several reports is no single stall.
+                // A lag that grows by more than a cycle in each of several reports is no single stall. Without input images an MC
+                // has to wait: that is the gateway's matter or the link's, and no controller's.
                 let cycle_us = u64::from(load.cycle_us);
-                let grown = load.lag_us > watched.lag_us + cycle_us;
+                let fed = report.image_age_us <= IMAGE_STALE_US;
+                let grown = fed && load.lag_us > watched.lag_us + cycle_us;
                 watched.growing = if grown { watched.growing + 1 } else { 0 };
                 watched.lag_us = load.lag_us;
-                let long = load.scan_us_max > load.cycle_us;
+                let long = load.scan_us_worst > load.cycle_us;
                 if watched.raised || !(long || watched.growing >= GROWING_REPORTS) {
                     continue;
                 }
@@ -102,8 +104,8 @@ impl QualityOfService for CycleTime {
                 let mc = &load.mc;
                 let detail = if long {
                     format!(
-                        "a scan of {mc} on {controller} took {} us (mean {} us), its cycle is {} us",
-                        load.scan_us_max, load.scan_us_mean, load.cycle_us
+                        "scans of {mc} on {controller} take up to {} us again and again (mean {} us), its cycle is {} us",
+                        load.scan_us_worst, load.scan_us_mean, load.cycle_us
                     )
                 } else {
                     format!(

@@ -174,7 +174,7 @@ fn unbroken(s: &mut Stage, when: &str, mcs: &[McId], stretch: &Stretch) {
 
 /// A freeze leaves a late frame only if it hits the controller between the beginning of a scan and the frame's departure:
 /// any other time it resumes with an input image that is too old, and does not scan. So the freeze is aimed, and tried again.
-const FREEZES_MAX: u32 = 6;
+const FREEZES_MAX: u32 = 12;
 /// A controller that drives something scans within this time.
 const AIM_WITHIN: Duration = Duration::from_millis(500);
 /// Late frames come within this time or not at all.
@@ -203,7 +203,7 @@ fn freeze(s: &mut Stage, controller: &'static str) -> Result<()> {
                 orphans = s.driven_by(controller);
                 s.cell
                     .node(controller)?
-                    .wait_thread_runs("fam-scan", AIM_WITHIN);
+                    .wait_thread_works("fam-scan", AIM_WITHIN);
                 s.cell.signal_node(controller, Signal::SIGSTOP)?;
                 s.wait_driven("controller1 drives all MCs", &["controller1"])?;
                 Ok(format!("{} taken over by controller1", names(&orphans)))

@@ -164,10 +164,10 @@ pub struct Registered {
 pub struct McLoad {
     /// The MC.
     pub mc: McId,
-    /// Mean CPU time of a scan in the interval, in microseconds.
+    /// Mean CPU time of a scan, smoothed over half a second, in microseconds.
     pub scan_us_mean: u32,
-    /// Longest CPU time of a scan since activation, in microseconds.
-    pub scan_us_max: u32,
+    /// Worst case: CPU time that scans of the last minute reached more than twice, in microseconds.
+    pub scan_us_worst: u32,
     /// The MC's cycle, in microseconds.
     pub cycle_us: u32,
     /// Scans in the interval.

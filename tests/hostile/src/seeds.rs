@@ -131,7 +131,7 @@ fn report(n: u64) -> ResourceReport {
         mcs: vec![McLoad {
             mc: mc_id(),
             scan_us_mean: 10,
-            scan_us_max: 20,
+            scan_us_worst: 20,
             cycle_us: 5_000,
             scans: 20,
             lag_us: 0,

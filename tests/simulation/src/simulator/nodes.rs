@@ -516,7 +516,7 @@ impl NodeBody {
                 cycle_us: spec.cycle_us,
                 scans: work.scans,
                 cpu_ns: work.cpu_ns,
-                max_us: u32::try_from(work.max_ns() / 1_000).unwrap_or(u32::MAX),
+                worst_us: u32::try_from(work.worst_ns() / 1_000).unwrap_or(u32::MAX),
                 lag_us,
             }
         });
