@@ -28,6 +28,9 @@ use std::hash::{Hash, Hasher};
 
 /// After the last bid, what the MCAs hold is waited for this long at most, in microseconds.
 pub const HOLDINGS_GRACE_US: u64 = 1_000;
+/// Where everything runs, bids are waited for so many times longer: nobody is in need, a failure overtakes, and a wish is better
+/// granted late than refused because a loaded controller was slow to answer.
+const PATIENCE: u64 = 10;
 /// Events that wait for their turn; further ones are dropped, for their monitors raise them again.
 const WAITING_MAX: usize = 256;
 /// Criteria in one bid, at most.
@@ -375,7 +378,10 @@ impl Decision {
             .filter_map(|(_, there)| there.owner().cloned())
             .collect();
         self.last_id += 1;
-        let within_us = view.model.settings.bids_us;
+        let within_us = match task.urgency {
+            Urgency::Failure => view.model.settings.bids_us,
+            Urgency::Wish | Urgency::Balance => PATIENCE * view.model.settings.bids_us,
+        };
         let negotiation = Negotiation {
             id: self.last_id,
             task,

@@ -33,6 +33,30 @@ fn a_move_is_a_handover_and_answered_twice() {
 }
 
 #[test]
+fn a_wish_waits_for_a_slow_controller_but_not_for_ever() {
+    let mut bench = running();
+    bench.script(&[
+        (1_001, "move m1 c2", "client1 begun; c2 call m1"),
+        (1_150, "tick", ""),
+        (
+            1_190,
+            "bid c2.1 200",
+            "c2/m1 activate e4 after c1; c1/m1 release e3 to c2 e4; c2 award m1",
+        ),
+    ]);
+    let mut bench = running();
+    bench.script(&[
+        (1_001, "move m1 c2", "client1 begun; c2 call m1"),
+        (1_202, "tick", "client1 failed"),
+    ]);
+    let said = bench.answer();
+    assert!(
+        said.contains("c2 did not answer the call in time"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_move_that_fails_says_why() {
     let mut bench = running();
     bench.script(&[

@@ -12,10 +12,15 @@ use std::time::Duration;
 const PERIOD_US: u64 = 1_000;
 /// A wake-up later than this is a stall.
 const STALL_US: u64 = 2_500;
+/// A wake-up later than this is a disturbance. Several of them, one at each thread that an image or a frame passes, add up to a cycle.
+const DISTURBANCE_US: u64 = 1_000;
+/// What a disturbance has held up is worked off within this time.
+const AFTERMATH_US: u64 = 20_000;
 
 /// A running witness.
 pub struct Witness {
-    stalls: Arc<Mutex<Vec<(u64, u64)>>>,
+    /// Disturbances and stalls: when a wake-up was due, and when it came.
+    late: Arc<Mutex<Vec<(u64, u64)>>>,
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -23,17 +28,17 @@ pub struct Witness {
 impl Witness {
     /// Starts one.
     pub fn start() -> Witness {
-        let stalls = Arc::new(Mutex::new(Vec::new()));
+        let late = Arc::new(Mutex::new(Vec::new()));
         let stop = Arc::new(AtomicBool::new(false));
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = (0..cores)
             .map(|core| {
-                let (s, end) = (stalls.clone(), stop.clone());
-                std::thread::spawn(move || watch(core, &s, &end))
+                let (l, end) = (late.clone(), stop.clone());
+                std::thread::spawn(move || watch(core, &l, &end))
             })
             .collect();
         Witness {
-            stalls,
+            late,
             stop,
             threads,
         }
@@ -41,17 +46,31 @@ impl Witness {
 
     /// Whether this machine stalled at any time between the two moments of its monotonic clock, in microseconds.
     pub fn stalled_between_us(&self, from_us: u64, to_us: u64) -> bool {
-        self.stalls.lock().is_ok_and(|stalls| {
-            stalls
-                .iter()
-                .any(|&(begin, end)| begin < to_us && end > from_us)
-        })
+        self.any(|begin, end| is_stall(begin, end) && begin < to_us && end > from_us)
+    }
+
+    /// Whether anything between the two moments may have come of a disturbance of this machine, be it a small one: for what has to
+    /// hold on a machine that is left alone.
+    pub fn disturbed_between_us(&self, from_us: u64, to_us: u64) -> bool {
+        self.any(|begin, end| begin < to_us && end + AFTERMATH_US > from_us)
     }
 
     /// Number of stalls seen so far.
     pub fn stalls(&self) -> usize {
-        self.stalls.lock().map_or(0, |stalls| stalls.len())
+        self.late.lock().map_or(0, |late| {
+            late.iter().filter(|&&(b, e)| is_stall(b, e)).count()
+        })
     }
+
+    fn any(&self, of: impl Fn(u64, u64) -> bool) -> bool {
+        self.late
+            .lock()
+            .is_ok_and(|late| late.iter().any(|&(begin, end)| of(begin, end)))
+    }
+}
+
+fn is_stall(due_us: u64, came_us: u64) -> bool {
+    came_us.saturating_sub(due_us) > STALL_US
 }
 
 impl Drop for Witness {
@@ -63,7 +82,7 @@ impl Drop for Witness {
     }
 }
 
-fn watch(core: usize, stalls: &Mutex<Vec<(u64, u64)>>, end: &AtomicBool) {
+fn watch(core: usize, late: &Mutex<Vec<(u64, u64)>>, end: &AtomicBool) {
     let mut cores = CpuSet::new();
     // Where threads may not be bound, the witness sees the machine as a whole.
     let _ = cores
@@ -73,10 +92,10 @@ fn watch(core: usize, stalls: &Mutex<Vec<(u64, u64)>>, end: &AtomicBool) {
     while !end.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_micros(due.saturating_sub(monotonic_us())));
         let now = monotonic_us();
-        if now.saturating_sub(due) > STALL_US
-            && let Ok(mut stalls) = stalls.lock()
+        if now.saturating_sub(due) > DISTURBANCE_US
+            && let Ok(mut late) = late.lock()
         {
-            stalls.push((due, now));
+            late.push((due, now));
         }
         due = (due + PERIOD_US).max(now);
     }

@@ -14,23 +14,23 @@ pub struct Stretch {
     pub gaps: Vec<Gap>,
 }
 
-/// Missed scans, those apart in which the machine itself stalled.
+/// Missed scans, those apart for which the machine itself may be to blame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Missed {
     /// Missed without the machine's fault.
     pub scans: u64,
-    /// Missed while the machine stalled.
-    pub stalled: u64,
+    /// Missed while the machine was disturbed.
+    pub disturbed: u64,
 }
 
 impl std::fmt::Display for Missed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} missed", self.scans)?;
-        if self.stalled > 0 {
+        if self.disturbed > 0 {
             write!(
                 f,
-                ", {} more while the machine itself stalled",
-                self.stalled
+                ", {} more while the machine itself was disturbed",
+                self.disturbed
             )
         } else {
             Ok(())
@@ -69,8 +69,8 @@ impl Stretch {
     pub fn missed(&self, witness: &Witness, counts: impl Fn(&Gap) -> bool) -> Missed {
         let mut missed = Missed::default();
         for gap in self.gaps.iter().filter(|g| counts(g)) {
-            if witness.stalled_between_us(gap.from_us, gap.to_us) {
-                missed.stalled += gap.missed_scans;
+            if witness.disturbed_between_us(gap.from_us, gap.to_us) {
+                missed.disturbed += gap.missed_scans;
             } else {
                 missed.scans += gap.missed_scans;
             }
