@@ -13,8 +13,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// A thread that still runs so long after it was put on a core is past its waking, and at its work.
-const AT_WORK_AFTER: Duration = Duration::from_micros(100);
 /// How long a process may take to end after SIGTERM before it is killed.
 const END_WITHIN: Duration = Duration::from_secs(15);
 
@@ -89,48 +87,6 @@ impl Process {
     pub fn signal(&self, signal: Signal) -> Result<()> {
         kill(Pid::from_raw(self.child.id().cast_signed()), signal)
             .with_context(|| format!("cannot send {signal} to {}", self.name))
-    }
-
-    /// Waits until a thread of this name has been put on a core and is at work there, as the system tells; gives up after a while.
-    pub fn wait_thread_works(&self, thread: &str, within: Duration) {
-        let tasks = PathBuf::from(format!("/proc/{}/task", self.child.id()));
-        let read = |file: &Path| std::fs::read_to_string(file).unwrap_or_default();
-        let task = std::fs::read_dir(tasks).ok().and_then(|tasks| {
-            let mut tasks = tasks.flatten().map(|t| t.path());
-            tasks.find(|task| read(&task.join("comm")).trim() == thread)
-        });
-        let Some(task) = task else {
-            return;
-        };
-        let (stat, schedstat) = (task.join("stat"), task.join("schedstat"));
-        // Runnable, but perhaps still without a core.
-        let runs = || {
-            let text = read(&stat);
-            let state = text.rsplit(')').next().unwrap_or_default();
-            state.trim_start().starts_with('R')
-        };
-        // How often it was put on a core; nothing where the system does not count it.
-        let turns = || {
-            read(&schedstat)
-                .split_whitespace()
-                .nth(2)
-                .map(str::to_owned)
-        };
-        let deadline = Instant::now() + within;
-        while Instant::now() < deadline {
-            let before = turns();
-            while before.is_some() && turns() == before && Instant::now() < deadline {
-                std::hint::spin_loop();
-            }
-            let turn = turns();
-            let woken = Instant::now();
-            while woken.elapsed() < AT_WORK_AFTER {
-                std::hint::spin_loop();
-            }
-            if runs() && turns() == turn {
-                return;
-            }
-        }
     }
 
     /// Exit status, if it has ended.

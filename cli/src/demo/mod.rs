@@ -1,5 +1,6 @@
 //! `fam demo`: the case study of the flexible assembly cell with real processes, judged from outside.
 
+mod aim;
 mod display;
 mod gaps;
 mod report;

@@ -1,5 +1,6 @@
 //! The story of the demo, step by step: the case study of the flexible assembly cell.
 
+use super::aim::stop_at_work;
 use super::gaps::Stretch;
 use super::stage::{Stage, WAIT};
 use anyhow::Result;
@@ -201,10 +202,7 @@ fn freeze(s: &mut Stage, controller: &'static str) -> Result<()> {
             &format!("SIGSTOP to {controller}"),
             |s| {
                 orphans = s.driven_by(controller);
-                s.cell
-                    .node(controller)?
-                    .wait_thread_works("fam-scan", AIM_WITHIN);
-                s.cell.signal_node(controller, Signal::SIGSTOP)?;
+                stop_at_work(s.cell.node(controller)?, "fam-scan", AIM_WITHIN)?;
                 s.wait_driven("controller1 drives all MCs", &["controller1"])?;
                 Ok(format!("{} taken over by controller1", names(&orphans)))
             },

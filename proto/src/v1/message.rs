@@ -166,7 +166,7 @@ pub struct McLoad {
     pub mc: McId,
     /// Mean CPU time of a scan, smoothed over half a second, in microseconds.
     pub scan_us_mean: u32,
-    /// Worst case: CPU time that scans of the last minute reached more than twice, in microseconds.
+    /// Worst case: CPU time that scans reached in three stretches (of 2 s) of the last minute, in microseconds.
     pub scan_us_worst: u32,
     /// The MC's cycle, in microseconds.
     pub cycle_us: u32,
