@@ -27,7 +27,24 @@ use clap::Parser;
 use fam_proto::{CommandKind, Reset};
 use std::process::ExitCode;
 
+/// What a shell says of a program that was ended by SIGPIPE.
+const NOBODY_READS: i32 = 128 + 13;
+
+/// Whoever reads along may have seen enough (`fam check ... | head`): that is no fault of the program, and ends it without a word.
+/// The signal itself stays ignored, as sockets would end the program by it too.
+fn end_when_nobody_reads() {
+    let otherwise = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        let text = panic.payload().downcast_ref::<String>();
+        if text.is_some_and(|t| t.starts_with("failed printing to std")) {
+            std::process::exit(NOBODY_READS);
+        }
+        otherwise(panic);
+    }));
+}
+
 fn main() -> ExitCode {
+    end_when_nobody_reads();
     match dispatch(Cli::parse().command) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,

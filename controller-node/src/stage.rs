@@ -8,6 +8,7 @@ use crate::run::NodeOptions;
 use crossbeam_channel::Sender;
 use fam_agents::node::NodeLocal;
 use fam_engineering::BuiltCell;
+use fam_engineering::changes::{self, Difference};
 use fam_engineering::reload::{self, McChange};
 use fam_node_core::plc::PlcRuntime;
 use fam_node_core::{Carry, McSpec, StagedVersion};
@@ -195,15 +196,14 @@ fn refuse_what_needs_a_restart(
             McChange::Same => {}
             McChange::Added => list.push(format!("{mc} is new")),
             McChange::Removed => list.push(format!("{mc} is gone")),
-            McChange::Settings(what) => list.push(format!("{mc} has another {}", what.join(", "))),
+            McChange::Settings(what) => {
+                list.push(format!("{mc} has another {}", changes::line(what)))
+            }
             McChange::Changed { what, .. } => {
-                let more: Vec<&str> = what
-                    .iter()
-                    .map(String::as_str)
-                    .filter(|w| !LIVE.contains(w))
-                    .collect();
+                let more: Vec<&Difference> =
+                    what.iter().filter(|w| !LIVE.contains(&w.of)).collect();
                 if !more.is_empty() {
-                    list.push(format!("{mc} has other {}", more.join(", ")));
+                    list.push(format!("{mc} has other {}", changes::line(more)));
                 }
             }
         }
@@ -223,8 +223,8 @@ mod tests {
 
     #[test]
     fn what_needs_a_restart_is_listed_whole() {
-        let changed = |what: &[&str]| McChange::Changed {
-            what: what.iter().map(|w| (*w).to_owned()).collect(),
+        let changed = |what: &[&'static str]| McChange::Changed {
+            what: what.iter().map(|w| Difference::plain(w)).collect(),
             state: reload::StateChange::default(),
         };
         let mc = |name: &str| McId::new(name).unwrap();
@@ -240,7 +240,7 @@ mod tests {
         let why = why.unwrap_err();
         for part in [
             "controller c9 is new",
-            "C has other inputs, cycle",
+            "C has other inputs; cycle",
             "D is new",
         ] {
             assert!(why.contains(part), "{why}");

@@ -56,7 +56,10 @@ struct GatewayTable {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(untagged, expecting = "\"all\" or a list of controllers")]
+#[serde(
+    untagged,
+    expecting = "this is neither \"all\" nor a list of controllers in [ ]"
+)]
 enum Start {
     Word(String),
     List(Vec<String>),

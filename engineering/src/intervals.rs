@@ -267,9 +267,12 @@ fn one_overlay(
         Box::new(
             error(
                 name.span(),
-                format!("{what}: checkpoint state: `{}` is not part of the state", name.get_ref()),
+                format!(
+                    "{what}: checkpoint state: `{}` is not part of the state",
+                    name.get_ref()
+                ),
             )
-            .expected("a variable of the MC's program, of one of its function block instances, or a global one"),
+            .hint(crate::masks::IS_STATE),
         )
     };
     let ExprKind::Load(place) = &expr.kind else {

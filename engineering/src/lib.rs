@@ -19,6 +19,7 @@
 mod actuators;
 pub mod build;
 pub mod caex;
+pub mod changes;
 pub mod control;
 pub mod convert;
 pub mod deployment;

@@ -185,7 +185,7 @@ impl ModelText {
         // serde says `unknown field `x`, expected one of ...` in one sentence; the second half has its own line here.
         let text = error.message().trim().to_owned();
         let (message, expected) = match text.split_once(", expected ") {
-            Some((message, expected)) => (message.to_owned(), Some(expected.to_owned())),
+            Some((message, expected)) => (message.to_owned(), Some(in_words(expected))),
             None => (text, None),
         };
         let mut diagnostic = self.diagnostic(Severity::Error, "M101", error.span(), message);
@@ -195,6 +195,22 @@ impl ModelText {
         }
         diagnostic
     }
+}
+
+/// What the reader expects, for somebody who does not write Rust.
+fn in_words(expected: &str) -> String {
+    let words = match expected {
+        "f64" => "a number",
+        "u32" => "a whole number from 0 to 4294967295",
+        "u64" => "a whole number, 0 or more",
+        "a boolean" => "true or false",
+        "a string" => "text in quotes",
+        "a sequence" => "a list in [ ], or a table headed [[ ]] for each entry",
+        "a map" => "a table",
+        of_a_type if of_a_type.starts_with("struct ") => "a table",
+        other => other,
+    };
+    words.to_owned()
 }
 
 /// Fluent additions to a diagnostic.

@@ -9,6 +9,7 @@
 //! state that [`carry_over`] takes (not critical, no recovery under way), and start the new version from what it gives.
 
 use crate::build::{BuiltCell, BuiltMc};
+use crate::changes::{self, Difference};
 use fam_proto::McId;
 use fam_proto::model::McModel;
 use fam_soft_plc::Elem;
@@ -55,11 +56,11 @@ pub enum McChange {
     /// Runs on untouched: logic, layout, masks, inputs and outputs are the same.
     Same,
     /// The MC itself is the same; where it may run or how it is watched is not.
-    Settings(Vec<String>),
+    Settings(Vec<Difference>),
     /// Stopped at a non-critical state, carried over and started.
     Changed {
         /// What changed.
-        what: Vec<String>,
+        what: Vec<Difference>,
         /// What becomes of its state.
         state: StateChange,
     },
@@ -103,102 +104,55 @@ fn cell_changes(old: &BuiltCell, new: &BuiltCell) -> Vec<String> {
             new.cell, old.cell
         ));
     }
-    for controller in &old.controllers {
-        match new
-            .controllers
-            .iter()
-            .find(|c| c.controller == controller.controller)
-        {
-            None => list.push(format!("controller {} is gone", controller.controller)),
-            Some(other) if other != controller => {
-                list.push(format!(
-                    "controller {} has other properties",
-                    controller.controller
-                ));
-            }
-            Some(_) => {}
-        }
-    }
-    for controller in &new.controllers {
-        if !old
-            .controllers
-            .iter()
-            .any(|c| c.controller == controller.controller)
-        {
-            list.push(format!("controller {} is new", controller.controller));
-        }
-    }
-    for gateway in &old.gateways {
-        match new.gateways.iter().find(|g| g.gateway == gateway.gateway) {
-            None => list.push(format!("gateway {} is gone", gateway.gateway)),
-            Some(other) if other != gateway => {
-                list.push(format!(
-                    "gateway {} has another driver, address or tick",
-                    gateway.gateway
-                ));
-            }
-            Some(_) => {}
-        }
-    }
-    for gateway in &new.gateways {
-        if !old.gateways.iter().any(|g| g.gateway == gateway.gateway) {
-            list.push(format!("gateway {} is new", gateway.gateway));
-        }
-    }
+    list.extend(parts(
+        "controller",
+        (&old.controllers, &new.controllers),
+        |c| c.controller.as_str(),
+        changes::controller,
+    ));
+    list.extend(parts(
+        "gateway",
+        (&old.gateways, &new.gateways),
+        |g| g.gateway.as_str(),
+        changes::gateway,
+    ));
     if old.settings != new.settings {
         list.push("the settings of the agents are others".to_owned());
     }
     list
 }
 
-fn mc_change(old: (&McModel, &BuiltMc), new: (&McModel, &BuiltMc)) -> McChange {
-    let ((old_model, old_built), (new_model, new_built)) = (old, new);
-    let mut what = Vec::new();
-    if old_built.compiled.logic_hash != new_built.compiled.logic_hash {
-        what.push("logic".to_owned());
-    }
-    if old_model.layout != new_model.layout {
-        what.push("state layout".to_owned());
-    }
-    if old_model.diagnosis != new_model.diagnosis || old_built.intervals != new_built.intervals {
-        what.push("critical intervals".to_owned());
-    }
-    if old_model.inputs != new_model.inputs {
-        what.push("inputs".to_owned());
-    }
-    if old_model.outputs != new_model.outputs || old_model.fail_safe != new_model.fail_safe {
-        what.push("outputs".to_owned());
-    }
-    if old_model.cycle_us != new_model.cycle_us {
-        what.push("cycle".to_owned());
-    }
-    if old_model.gateway != new_model.gateway {
-        what.push("gateway".to_owned());
-    }
-    if !what.is_empty() {
-        return McChange::Changed {
-            what,
-            state: state_change(old_built, new_built),
-        };
-    }
-    let mut settings = Vec::new();
-    for (name, is_same) in [
-        ("hosts", old_model.hosts == new_model.hosts),
-        (
-            "criticality",
-            old_model.criticality == new_model.criticality,
-        ),
-        (
-            "worst-case load",
-            old_model.worst_case_us == new_model.worst_case_us,
-        ),
-        ("watchdog", old_model.watchdog_us == new_model.watchdog_us),
-        ("suspect time", old_model.suspect_us == new_model.suspect_us),
-    ] {
-        if !is_same {
-            settings.push(name.to_owned());
+/// What became of controllers or gateways.
+fn parts<T: PartialEq>(
+    what: &str,
+    (old, new): (&[T], &[T]),
+    name: impl Fn(&T) -> &str,
+    differences: impl Fn(&T, &T) -> Vec<Difference>,
+) -> Vec<String> {
+    let mut list = Vec::new();
+    for part in old {
+        match new.iter().find(|other| name(other) == name(part)) {
+            None => list.push(format!("{what} {} is gone", name(part))),
+            Some(other) if other != part => {
+                let how = changes::line(&differences(part, other));
+                list.push(format!("{what} {} is another: {how}", name(part)));
+            }
+            Some(_) => {}
         }
     }
+    let is_new = |part: &&T| old.iter().all(|other| name(other) != name(part));
+    let added = new.iter().filter(is_new);
+    list.extend(added.map(|part| format!("{what} {} is new", name(part))));
+    list
+}
+
+fn mc_change(old: (&McModel, &BuiltMc), new: (&McModel, &BuiltMc)) -> McChange {
+    let what = changes::mc(old, new);
+    if !what.is_empty() {
+        let state = state_change(old.1, new.1);
+        return McChange::Changed { what, state };
+    }
+    let settings = changes::mc_settings(old.0, new.0);
     if settings.is_empty() {
         McChange::Same
     } else {
@@ -539,10 +493,14 @@ impl fmt::Display for CellChange {
                 McChange::Removed => writeln!(f, "{mc}: gone")?,
                 McChange::Same => writeln!(f, "{mc}: the same, runs on untouched")?,
                 McChange::Settings(what) => {
-                    writeln!(f, "{mc}: runs on with another {}", what.join(", "))?;
+                    writeln!(
+                        f,
+                        "{mc}: runs on with other settings ({})",
+                        changes::line(what)
+                    )?;
                 }
                 McChange::Changed { what, state } => {
-                    writeln!(f, "{mc}: changed ({}); {state}", what.join(", "))?;
+                    writeln!(f, "{mc}: changed ({}); {state}", changes::line(what))?;
                 }
             }
         }

@@ -37,7 +37,10 @@ const CASES: &[Case] = &[
     Case {
         name: "wrong type",
         changes: &[(CELL, "worst_case_us = 50", "worst_case_us = \"much\"")],
-        message: &["error[M101]: invalid type: string \"much\"", "u32"],
+        message: &[
+            "error[M101]: invalid type: string \"much\"",
+            "expected: a whole number from 0",
+        ],
     },
     Case {
         name: "bad name",

@@ -9,6 +9,7 @@ use fam_engineering::output::files_of;
 use fam_engineering::plcopen::ordinary_project;
 use fam_engineering::{build, import, new_cell};
 use fam_soft_plc::source::SourceFile;
+use std::path::Path;
 
 const PROJECT: &str = "
 VAR_GLOBAL
@@ -138,6 +139,118 @@ fn projects_that_cannot_be_imported_say_why() {
     }
 }
 
+/// Global variables of an exported project: name and address.
+fn globals(text: &str) -> Vec<(String, String)> {
+    let document = roxmltree::Document::parse(text).unwrap();
+    let all = document.descendants();
+    all.filter(|n| n.has_tag_name("globalVars") || n.tag_name().name() == "globalVars")
+        .flat_map(|n| n.children().filter(|c| c.tag_name().name() == "variable"))
+        .map(|v| {
+            let of = |name| v.attribute(name).unwrap_or_default().to_owned();
+            (of("name"), of("address"))
+        })
+        .collect()
+}
+
+/// A project has no errors.
+fn compiles(text: &str) {
+    let files = [SourceFile::new("all.xml", text)];
+    let mut found = fam_soft_plc::diagnose(&files, fam_soft_plc::CheckOptions::default());
+    found.retain(|d| d.severity == fam_soft_plc::Severity::Error);
+    assert!(found.is_empty(), "{found:?} in\n{text}");
+}
+
+#[test]
+fn in_one_plc_each_name_and_each_place_means_one_thing() {
+    let logic = |inner: &str, constant: u32, vars: &str, body: &str| {
+        format!(
+            "FUNCTION_BLOCK F\nVAR_INPUT go : BOOL; END_VAR\nVAR_OUTPUT q : BOOL; END_VAR\n q := {inner};\nEND_FUNCTION_BLOCK\n\
+             VAR_GLOBAL CONSTANT LIMIT : INT := 7; K : INT := {constant}; END_VAR\n\
+             VAR_GLOBAL {vars} END_VAR\n{body}\nEND_PROGRAM\n"
+        )
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: String| std::fs::write(dir.path().join(name), text).unwrap();
+    write(
+        "a.st",
+        logic(
+            "go",
+            1,
+            "go AT %IX0.0 : BOOL; (* whoever presses *)\nout AT %QX0.0 : BOOL; done AT %QX0.1 : BOOL; kept : INT;",
+            "PROGRAM A\nVAR f : F; END_VAR\n f(go := go);\n out := f.q; done := kept > LIMIT; kept := kept + K;",
+        ),
+    );
+    write(
+        "b.st",
+        logic(
+            "NOT go",
+            2,
+            "ready AT %IX1.0 : BOOL; go AT %IX0.0 : BOOL; out AT %QW3 : INT; kept : INT;",
+            "PROGRAM B\nVAR_EXTERNAL go, ready : BOOL; END_VAR\nVAR f : F; k2 : BOOL; END_VAR\n f(go := go, q => k2);\n\
+             IF ready AND k2 OR %IX1.0 THEN kept := kept + K; END_IF; out := MIN(kept, LIMIT);",
+        ),
+    );
+    write(
+        "cell.toml",
+        "format = 1\n[cell]\nname = \"c\"\ntick_ms = 5\n[[gateway]]\nname = \"g\"\ndriver = \"image\"\n[[controller]]\nname = \"k\"\n\
+         [[mc]]\nname = \"B\"\nlogic = [\"b.st\"]\ngateway = \"g\"\nhosts = \"all\"\nworst_case_us = 50\n\
+         [mc.inputs]\ngo = \"image:b_go\"\nready = \"mc:A.done\"\n\
+         [mc.outputs]\nout = { field = \"image:b_out\", fail_safe = 0 }\n\
+         [[mc]]\nname = \"A\"\nlogic = [\"a.st\"]\ngateway = \"g\"\nhosts = \"all\"\nworst_case_us = 50\n\
+         [mc.inputs]\ngo = \"image:a_go\"\n\
+         [mc.outputs]\nout = { field = \"image:a_out\", fail_safe = false }\ndone = { export = true, fail_safe = false }\n"
+            .to_owned(),
+    );
+    let built = build(&dir.path().join("cell.toml")).unwrap_or_else(|p| panic!("{p}"));
+    let text = ordinary_project(&built);
+    compiles(&text);
+    let expected = [
+        ("LIMIT", ""),
+        ("K", ""),
+        ("go", "%IX0.0"),
+        ("out", "%QX0.0"),
+        ("done", ""),
+        ("kept", ""),
+        ("B_K", ""),
+        ("B_go", "%IX8.0"),
+        ("B_out", "%QW7"),
+        ("B_kept", ""),
+    ];
+    let expected = expected.map(|(name, at)| (name.to_owned(), at.to_owned()));
+    assert_eq!(globals(&text), expected, "{text}");
+    for part in [
+        "f(go := go);",
+        "out := f.q; done := kept > LIMIT; kept := kept + K;",
+        "f(go := B_go, q => k2);",
+        "IF done AND k2 OR %IX9.0 THEN B_kept := B_kept + B_K; END_IF; B_out := MIN(B_kept, LIMIT);",
+        "<derived name=\"B_F\"/>",
+        "whoever presses",
+    ] {
+        assert!(text.contains(part), "expected `{part}` in:\n{text}");
+    }
+}
+
+#[test]
+fn models_become_projects_of_one_plc() {
+    for model in [
+        "engineering/tests/cells/two_stations/cell.toml",
+        "engineering/tests/cells/types/cell.toml",
+        "deploy/marking-machine/cell.toml",
+        "deploy/fms200/fms200.aml",
+    ] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(model);
+        let built = build(&path).unwrap_or_else(|p| panic!("{model}: {p}"));
+        let text = ordinary_project(&built);
+        compiles(&text);
+        let mut places: Vec<_> = globals(&text).into_iter().map(|(_, at)| at).collect();
+        places.retain(|at| !at.is_empty());
+        let all = places.len();
+        places.sort();
+        places.dedup();
+        assert!(all > 0 && places.len() == all, "{model}: {places:?}");
+    }
+}
+
 #[test]
 fn an_exported_project_is_the_logic_and_comes_back() {
     let text = ordinary_project(&build(&two_stations()).unwrap());
@@ -146,8 +259,8 @@ fn an_exported_project_is_the_logic_and_comes_back() {
         "{text}"
     );
     for part in [
-        "<resource name=\"Feeder\">",
-        "<resource name=\"Press\">",
+        "<task name=\"Feeder_Task\"",
+        "<task name=\"Press_Task\"",
         "interval=\"T#5ms\"",
         "typeName=\"Press\"",
     ] {

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{changed, two_stations};
+use fam_engineering::changes::line;
 use fam_engineering::reload::{
     CarryError, McChange, StateChange, carry_over, compare, state_change,
 };
@@ -57,7 +58,10 @@ fn what_changed_is_told_mc_by_mc() {
     let McChange::Changed { what, state } = feeder else {
         panic!("{feeder:?}");
     };
-    assert_eq!(what, &["logic", "state layout", "critical intervals"]);
+    assert_eq!(
+        line(what),
+        "logic; state layout; critical intervals: Pushing is another"
+    );
     assert_eq!(state.new, ["Feeder.before"]);
     assert_eq!(state.gone, ["Feeder.alarm"]);
     assert_eq!(
@@ -70,14 +74,17 @@ fn what_changed_is_told_mc_by_mc() {
     );
     assert!(!state.same_layout && !state.is_complete());
     let press = &change.mcs[&McId::new("Press").unwrap()];
-    assert_eq!(press, &McChange::Settings(vec!["watchdog".to_owned()]));
+    let McChange::Settings(what) = press else {
+        panic!("{press:?}");
+    };
+    assert_eq!(line(what), "watchdog: 600 ms instead of 500 ms");
     let text = change.to_string();
     for part in [
-        "Feeder: changed (logic, state layout, critical intervals); state is compatible in part",
+        "Feeder: changed (logic; state layout; critical intervals: Pushing is another); state is compatible in part",
         "new, starts from its initial value: Feeder.before",
         "DINT instead of INT, starts from its initial value: Feeder.next",
         "gone: Feeder.alarm",
-        "Press: runs on with another watchdog",
+        "Press: runs on with other settings (watchdog: 600 ms instead of 500 ms)",
     ] {
         assert!(text.contains(part), "expected `{part}` in:\n{text}");
     }

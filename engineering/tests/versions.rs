@@ -25,7 +25,9 @@ fn cell(logic: &str, extra: &str) -> BuiltCell {
 /// What is said to have changed.
 fn what(old: &BuiltCell, new: &BuiltCell) -> Vec<String> {
     match compare(old, new).mcs.into_values().next().unwrap() {
-        McChange::Changed { what, .. } | McChange::Settings(what) => what,
+        McChange::Changed { what, .. } | McChange::Settings(what) => {
+            what.iter().map(ToString::to_string).collect()
+        }
         other => vec![format!("{other:?}")],
     }
 }
@@ -43,7 +45,11 @@ fn each_change_of_the_model_is_seen() {
         )
     };
     let table: [(String, String, &[&str]); 6] = [
-        (outputs("false"), outputs("true"), &["outputs"]),
+        (
+            outputs("false"),
+            outputs("true"),
+            &["outputs: Lamp is another"],
+        ),
         (
             format!(
                 "cycle_ms = 10\nwatchdog_ms = 900\nsuspect_ms = 90\n{}",
@@ -53,15 +59,23 @@ fn each_change_of_the_model_is_seen() {
                 "cycle_ms = 20\nwatchdog_ms = 900\nsuspect_ms = 90\n{}",
                 outputs("false")
             ),
-            &["cycle"],
+            &["cycle: 20 ms instead of 10 ms"],
         ),
         (
             format!("watchdog_ms = 800\nsuspect_ms = 90\n{}", outputs("false")),
             format!("watchdog_ms = 900\nsuspect_ms = 90\n{}", outputs("false")),
-            &["watchdog"],
+            &["watchdog: 900 ms instead of 800 ms"],
         ),
-        (interval("A", 1), interval("A", 2), &["critical intervals"]),
-        (interval("A", 1), interval("B", 1), &["critical intervals"]),
+        (
+            interval("A", 1),
+            interval("A", 2),
+            &["critical intervals: A is another"],
+        ),
+        (
+            interval("A", 1),
+            interval("B", 1),
+            &["critical intervals: B is new, A is gone"],
+        ),
         (interval("A", 1), interval("A", 1), &["Same"]),
     ];
     for (old, new, expected) in table {

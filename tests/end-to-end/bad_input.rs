@@ -272,3 +272,17 @@ fn a_field_device_that_stops_answering_is_named_and_found_again() {
     plant.wait_for(&[&modbus]);
     gateway.wait_for(&["field device", " answers"]);
 }
+
+#[test]
+fn whoever_reads_along_may_stop_reading() {
+    let model = project("deploy/fms200/fms200.aml").display().to_string();
+    let mut shown = fam();
+    shown.args(["show", &model]);
+    shown.stdout(std::process::Stdio::piped());
+    shown.stderr(std::process::Stdio::piped());
+    let mut child = shown.spawn().unwrap();
+    drop(child.stdout.take());
+    let out = child.wait_with_output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&out.stderr), "");
+    assert_eq!(out.status.code(), Some(141));
+}

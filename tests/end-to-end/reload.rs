@@ -77,7 +77,7 @@ fn changed_logic_takes_over_the_state_while_the_rest_runs_on() {
     let (code, out, err) = cell.try_operate(&["reload", "--dry-run"]);
     assert_eq!(code, 0, "{err}");
     for part in [
-        "Feeder: changed (logic, state layout)",
+        "Feeder: changed (logic; state layout)",
         "starts from its initial value: Feeder.bonus",
         "Press: the same, runs on untouched",
     ] {

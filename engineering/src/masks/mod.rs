@@ -15,6 +15,10 @@ use fam_soft_plc::syntax::ast::{BinOp, UnOp};
 use fam_soft_plc::types::Elem;
 use fam_soft_plc::value::Value;
 
+/// What a critical interval may ask for and set.
+pub(crate) const IS_STATE: &str = "name a variable of the MC's program, of one of its function block instances, or a global one; \
+     if the MC lists its `state`, it has to be in the list";
+
 /// Why a condition gives no masks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MaskError {
@@ -169,7 +173,7 @@ impl Lowering<'_> {
             if is_image {
                 "inputs and outputs are process image: let the program keep what matters in a variable of its own"
             } else {
-                "name a variable of the MC's program, of one of its function block instances, or a global one"
+                IS_STATE
             },
         ))
     }

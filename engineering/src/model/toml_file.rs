@@ -92,7 +92,10 @@ pub struct ControllerTable {
 
 /// `hosts = "all"` or a list of controllers.
 #[derive(Debug, Deserialize)]
-#[serde(untagged, expecting = "\"all\" or a list of controllers")]
+#[serde(
+    untagged,
+    expecting = "this is neither \"all\" nor a list of controllers in [ ]"
+)]
 pub enum Hosts {
     /// `"all"`; another word is reported with its place.
     Word(String),
@@ -131,7 +134,10 @@ pub struct McTable {
 
 /// What an output drives.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table: { field = \"...\", fail_safe = ... }"
+)]
 pub struct OutputTable {
     /// Field point, such as `modbus:1/coil/0`.
     pub field: Option<Spanned<String>>,

@@ -166,6 +166,11 @@ fn trimmed(text: &str) -> &str {
 
 /// Words of a text from a byte on, outside comments, pragmas and strings: `(offset, word)`.
 pub fn words(text: &str, from: usize) -> impl Iterator<Item = (usize, &str)> {
+    tokens(text, from).filter(|(_, token)| !token.starts_with('%'))
+}
+
+/// Words and addresses in the process image, such as `%IX0.3`.
+pub fn tokens(text: &str, from: usize) -> impl Iterator<Item = (usize, &str)> {
     let bytes = text.as_bytes();
     let mut at = from;
     std::iter::from_fn(move || {
@@ -191,6 +196,14 @@ pub fn words(text: &str, from: usize) -> impl Iterator<Item = (usize, &str)> {
                     let found = (at, &text[at..at + len]);
                     at += len;
                     return Some(found);
+                }
+                [b'%', area, ..] if b"IQMiqm".contains(area) => {
+                    let is_part = |c: &u8| c.is_ascii_alphanumeric() || *c == b'.';
+                    let end = rest[1..].iter().position(|c| !is_part(c));
+                    let len = end.map_or(rest.len(), |end| end + 1);
+                    let found = &text[at..at + len];
+                    at += len;
+                    return Some((at - len, found));
                 }
                 [c, ..] if c.is_ascii_digit() => {
                     // A number with its base and exponent is no word.

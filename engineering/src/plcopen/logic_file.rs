@@ -41,7 +41,7 @@ pub fn write(
         name,
         (!about.is_empty()).then_some(about.as_str()),
     );
-    let items = unit::items_with(project, &Renames::new(), &comment_of);
+    let items = unit::items_with(project, &Renames::default(), &comment_of);
     xml.open("types", &[]);
     for (element, is_type) in [("dataTypes", true), ("pous", false)] {
         xml.open(element, &[]);
@@ -66,7 +66,7 @@ pub fn write(
         }
     } else if has_globals {
         xml.open("configuration", &[("name", &identifier(name))]);
-        unit::globals_with(&mut xml, project, &Renames::new(), &comment_of, &|n| {
+        unit::globals_with(&mut xml, project, &Renames::default(), &comment_of, &|n| {
             wanted(|s| &s.globals, n)
         });
         xml.close();
@@ -116,7 +116,7 @@ fn configured(xml: &mut Xml, project: &Project, configuration: &Configuration, f
         xml.close();
     }
     if first {
-        unit::globals_with(xml, project, &Renames::new(), &comment_of, &|_| true);
+        unit::globals_with(xml, project, &Renames::default(), &comment_of, &|_| true);
     }
     xml.close();
 }

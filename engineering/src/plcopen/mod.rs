@@ -9,9 +9,12 @@ mod body;
 mod comments;
 pub mod diagnosis_file;
 pub mod logic_file;
+mod ordinary;
 pub mod read;
 mod unit;
 pub mod xml;
+
+pub use ordinary::ordinary_project;
 
 use crate::build::{BuiltCell, BuiltMc};
 use crate::convert::not_written;
@@ -80,37 +83,43 @@ pub fn project_xml(built: &BuiltCell, controller: &ControllerId) -> String {
     let mut shared: BTreeMap<(bool, String), Item> = BTreeMap::new();
     let mut units: Vec<Unit<'_>> = Vec::new();
     for mc in hosted {
-        units.push(unit(mc, true, &mut shared));
+        let (project, _) = parse_project(&mc.sources);
+        let items: ItemsOf<'_> = &|renames| unit::items(&project, renames);
+        let (renames, items) = settled(mc, items, Renames::default(), &mut shared);
+        units.push(Unit {
+            mc,
+            entry: Names::of(mc.mc.as_str()).control,
+            project,
+            renames,
+            items,
+        });
     }
-    project_of(&units, "Flexible Automation Project", controller.as_str())
-}
-
-/// The logic of all MCs as one ordinary project, as its engineers wrote it: no generated POU, each MC a RESOURCE.
-#[must_use]
-pub fn ordinary_project(built: &BuiltCell) -> String {
-    let mut shared: BTreeMap<(bool, String), Item> = BTreeMap::new();
-    let mut units: Vec<Unit<'_>> = Vec::new();
-    for mc in &built.mcs {
-        units.push(unit(mc, false, &mut shared));
-    }
-    project_of(&units, "logic of a cell", built.model.cell.as_str())
-}
-
-fn project_of(units: &[Unit<'_>], description: &str, name: &str) -> String {
     let mut xml = Xml::new();
-    head(&mut xml, description, name, None);
-    types(&mut xml, units);
+    head(
+        &mut xml,
+        "Flexible Automation Project",
+        controller.as_str(),
+        None,
+    );
+    types(&mut xml, &units);
+    configuration(&mut xml, controller.as_str(), |xml| {
+        for unit in &units {
+            resource(xml, unit);
+        }
+    });
+    xml.close();
+    xml.finish()
+}
+
+/// The one configuration of a project.
+fn configuration(xml: &mut Xml, name: &str, content: impl FnOnce(&mut Xml)) {
     xml.open("instances", &[]);
     xml.open("configurations", &[]);
     xml.open("configuration", &[("name", &identifier(name))]);
-    for unit in units {
-        resource(&mut xml, unit);
-    }
+    content(xml);
     xml.close();
     xml.close();
     xml.close();
-    xml.close();
-    xml.finish()
 }
 
 /// Opens a project, up to its types.
@@ -147,23 +156,18 @@ fn head(xml: &mut Xml, description: &str, name: &str, comment: Option<&str>) {
     xml.close();
 }
 
+/// The items of an MC, written with these names.
+type ItemsOf<'a> = &'a dyn Fn(&Renames) -> Vec<Item>;
+
 /// Settles an MC's names: an item that another MC has with the same content is shared, one with other content is renamed.
-fn unit<'a>(
-    mc: &'a BuiltMc,
-    generated: bool,
+fn settled(
+    mc: &BuiltMc,
+    items: ItemsOf<'_>,
+    mut renames: Renames,
     shared: &mut BTreeMap<(bool, String), Item>,
-) -> Unit<'a> {
-    // The generated source is the last one.
-    let written = mc.sources.len() - usize::from(!generated);
-    let (project, _) = parse_project(&mc.sources[..written]);
-    let entry = if generated {
-        Names::of(mc.mc.as_str()).control
-    } else {
-        mc.program.clone()
-    };
-    let mut renames = Renames::new();
+) -> (Renames, Vec<Item>) {
     loop {
-        let items = unit::items(&project, &renames);
+        let items = items(&renames);
         let clash = items.iter().find(|item| {
             let upper = item.name.to_ascii_uppercase();
             [true, false].into_iter().any(|is_type| {
@@ -178,30 +182,36 @@ fn unit<'a>(
                     .entry((item.is_type, item.name.to_ascii_uppercase()))
                     .or_insert_with(|| item.clone());
             }
-            return Unit {
-                mc,
-                entry,
-                project,
-                renames,
-                items,
-            };
+            return (renames, items);
         };
-        // A name that stands nowhere in the MC's logic: so whoever reads the project back knows where it stands for the old one.
-        let taken = |name: &str| {
-            let upper = name.to_ascii_uppercase();
-            let is_said = |s: &SourceFile| s.text.to_ascii_uppercase().contains(&upper);
-            mc.sources[..written].iter().any(is_said)
-                || shared.keys().any(|(_, n)| *n == upper)
-                || renames.values().any(|n| n.eq_ignore_ascii_case(name))
+        let is_shared = |name: &str| {
+            shared.keys().any(|(_, n)| *n == name)
+                || renames.names.values().any(|n| n.eq_ignore_ascii_case(name))
         };
-        let mut name = format!("{}_{}", mc.mc, clash.original);
-        while taken(&name) {
-            name.push_str("_2");
-        }
-        renames.insert(clash.original.to_ascii_uppercase(), name);
+        let name = new_name(mc, &clash.original, is_shared);
+        let old = clash.original.to_ascii_uppercase();
+        renames.names.insert(old, name);
     }
 }
 
+/// A name for what another MC has under the same one. It stands nowhere in the MC's logic: so whoever reads the project back
+/// knows where it stands for the old one.
+fn new_name(mc: &BuiltMc, name: &str, is_taken: impl Fn(&str) -> bool) -> String {
+    let mut new = format!("{}_{name}", identifier(mc.mc.as_str()));
+    let is_said = |upper: &str| {
+        let mut sources = mc.sources.iter();
+        sources.any(|s| s.text.to_ascii_uppercase().contains(upper))
+    };
+    loop {
+        let upper = new.to_ascii_uppercase();
+        if !is_taken(&upper) && !is_said(&upper) {
+            return new;
+        }
+        new.push_str("_2");
+    }
+}
+
+/// The items of all MCs, each once.
 fn types(xml: &mut Xml, units: &[Unit<'_>]) {
     xml.open("types", &[]);
     for (element, is_type) in [("dataTypes", true), ("pous", false)] {
@@ -220,30 +230,12 @@ fn types(xml: &mut Xml, units: &[Unit<'_>]) {
 
 fn resource(xml: &mut Xml, unit: &Unit<'_>) {
     let mc = unit.mc;
-    let renamed = |name: &str| {
-        unit.renames
-            .get(&name.to_ascii_uppercase())
-            .cloned()
-            .unwrap_or_else(|| name.to_owned())
-    };
-    let control = renamed(&unit.entry);
+    let control = unit.renames.of(&unit.entry);
     xml.open("resource", &[("name", mc.mc.as_str())]);
-    xml.open(
-        "task",
-        &[
-            ("name", &format!("{}_Task", mc.mc)),
-            (
-                "interval",
-                &fam_soft_plc::value::format_time(i64::from(mc.cycle_us) * 1000),
-            ),
-            ("priority", "1"),
-        ],
-    );
-    xml.empty("pouInstance", &[("name", &control), ("typeName", &control)]);
-    xml.close();
+    task(xml, mc, &control);
     unit::globals(xml, &unit.project, &unit.renames);
     for pou in &unit.project.pous {
-        let name = renamed(&pou.name.name);
+        let name = unit.renames.of(&pou.name.name);
         if pou.kind == fam_soft_plc::syntax::ast::PouKind::Program && name != control {
             xml.empty("pouInstance", &[("name", &name), ("typeName", &name)]);
         }
@@ -272,6 +264,21 @@ fn resource(xml: &mut Xml, unit: &Unit<'_>) {
     xml.close();
     xml.close();
     xml.close();
+    xml.close();
+}
+
+/// An MC's task, which runs this program.
+fn task(xml: &mut Xml, mc: &BuiltMc, program: &str) {
+    let interval = fam_soft_plc::value::format_time(i64::from(mc.cycle_us) * 1000);
+    xml.open(
+        "task",
+        &[
+            ("name", &format!("{}_Task", mc.mc)),
+            ("interval", &interval),
+            ("priority", "1"),
+        ],
+    );
+    xml.empty("pouInstance", &[("name", program), ("typeName", program)]);
     xml.close();
 }
 

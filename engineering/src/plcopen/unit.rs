@@ -3,9 +3,10 @@
 //! The POUs of all MCs of a controller share one list in its project, but names may repeat between MCs. A unit can be written
 //! with some of its names changed; everything that refers to them changes with it.
 
-use super::body::{body_text, drawn, whole_text, words};
+use super::body::{body_text, drawn, tokens, whole_text, words};
 use super::xml::Xml;
 use fam_soft_plc::WHOLE_TEXT_NAMESPACE;
+use fam_soft_plc::check::parse_location;
 use fam_soft_plc::source::Span;
 use fam_soft_plc::syntax::ast::{
     Expr, Init, Interface, Pou, PouKind, Project, TypeDecl, TypeSpec, TypeSpecKind, VarBlock,
@@ -14,8 +15,38 @@ use fam_soft_plc::syntax::ast::{
 use fam_soft_plc::types::Elem;
 use std::collections::BTreeMap;
 
-/// New names of types and POUs, by their old one in upper case.
-pub type Renames = BTreeMap<String, String>;
+/// What an MC's declarations are written with, instead of their own names and addresses.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Renames {
+    /// New names of types, POUs and global variables, by their old one in upper case.
+    pub names: BTreeMap<String, String>,
+    /// Where the MC's inputs, outputs and memory begin in the process image, in bytes; multiples of 8.
+    pub image: [u32; 3],
+}
+
+impl Renames {
+    /// The name that is written for this one.
+    #[must_use]
+    pub fn of(&self, name: &str) -> String {
+        let new = self.names.get(&name.to_ascii_uppercase());
+        new.map_or(name, String::as_str).to_owned()
+    }
+
+    /// The address that is written for this one.
+    fn address(&self, text: &str) -> String {
+        // Addresses of another PLC's levels stand for themselves.
+        let Ok(mut location) = parse_location(text, Span::default()) else {
+            return text.to_owned();
+        };
+        let [inputs, outputs, memory] = self.image;
+        location.byte += match location.area() {
+            'I' => inputs,
+            'Q' => outputs,
+            _ => memory,
+        };
+        location.to_string()
+    }
+}
 
 /// A data type or POU.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -108,6 +139,19 @@ pub fn globals_with(
     }
 }
 
+/// A variable's declaration as it is written.
+#[must_use]
+pub fn variable(project: &Project, decl: &VarDecl) -> String {
+    let writer = UnitWriter {
+        project,
+        renames: &Renames::default(),
+        comments: &|_| None,
+    };
+    let mut xml = Xml::fragment();
+    writer.variable(&mut xml, &decl.name.name, decl);
+    xml.finish()
+}
+
 /// Documentation as the schema wants it.
 fn documentation(xml: &mut Xml, comment: Option<String>) {
     if let Some(comment) = comment {
@@ -125,30 +169,31 @@ struct UnitWriter<'a> {
 
 impl UnitWriter<'_> {
     fn name(&self, name: &str) -> String {
-        self.renames
-            .get(&name.to_ascii_uppercase())
-            .cloned()
-            .unwrap_or_else(|| name.to_owned())
+        self.renames.of(name)
     }
 
     fn expr(&self, expr: &Expr) -> String {
         self.renamed(self.project.sources.slice(expr.span), &[])
     }
 
-    /// A text with all renamed words replaced, except field names and the given variables.
+    /// A text with all renamed words and moved addresses replaced, except names of fields and parameters and the given variables.
     fn renamed(&self, text: &str, variables: &[&str]) -> String {
-        if self.renames.is_empty() {
+        if *self.renames == Renames::default() {
             return text.to_owned();
         }
         let mut out = String::with_capacity(text.len());
         let mut done = 0;
-        for (at, word) in words(text, 0) {
-            if text[..at].trim_end().ends_with('.')
+        for (at, word) in tokens(text, 0) {
+            let new = if word.starts_with('%') {
+                Some(self.renames.address(word))
+            } else if text[..at].trim_end().ends_with('.')
+                || is_parameter(text, at, word)
                 || variables.iter().any(|v| v.eq_ignore_ascii_case(word))
             {
-                continue;
-            }
-            let new = self.renamed_word(word);
+                None
+            } else {
+                self.renamed_word(word)
+            };
             if let Some(new) = new {
                 out.push_str(&text[done..at]);
                 out.push_str(&new);
@@ -162,12 +207,13 @@ impl UnitWriter<'_> {
     /// `Mode`, and the conversions `Mode_TO_INT` and `INT_TO_Mode`.
     fn renamed_word(&self, word: &str) -> Option<String> {
         let upper = word.to_ascii_uppercase();
-        if let Some(new) = self.renames.get(&upper) {
+        let names = &self.renames.names;
+        if let Some(new) = names.get(&upper) {
             return Some(new.clone());
         }
         let split = upper.find("_TO_")?;
         let (from, to) = (&upper[..split], &upper[split + 4..]);
-        match (self.renames.get(from), self.renames.get(to)) {
+        match (names.get(from), names.get(to)) {
             (None, None) => None,
             (from_new, to_new) => Some(format!(
                 "{}_TO_{}",
@@ -272,7 +318,7 @@ impl UnitWriter<'_> {
             TypeSpecKind::Struct { fields, .. } => {
                 xml.open("struct", &[]);
                 for field in fields {
-                    self.variable(xml, field);
+                    self.variable(xml, &field.name.name, field);
                 }
                 xml.close();
             }
@@ -289,13 +335,13 @@ impl UnitWriter<'_> {
         }
     }
 
-    fn variable(&self, xml: &mut Xml, decl: &VarDecl) {
+    fn variable(&self, xml: &mut Xml, name: &str, decl: &VarDecl) {
         match &decl.location {
-            Some(location) => xml.open(
-                "variable",
-                &[("name", &decl.name.name), ("address", &location.name)],
-            ),
-            None => xml.open("variable", &[("name", &decl.name.name)]),
+            Some(location) => {
+                let address = self.renames.address(&location.name);
+                xml.open("variable", &[("name", name), ("address", &address)]);
+            }
+            None => xml.open("variable", &[("name", name)]),
         }
         xml.open("type", &[]);
         self.type_spec(xml, &decl.spec);
@@ -346,7 +392,7 @@ impl UnitWriter<'_> {
     /// An element as it stands in its file, with renamed items under their new names: they stand in quotes there.
     fn redrawn(&self, element: &str) -> String {
         let mut out = self.renamed(element, &[]);
-        for (old, new) in self.renames {
+        for (old, new) in &self.renames.names {
             let mut done = String::with_capacity(out.len());
             let mut rest = out.as_str();
             while let Some(at) = rest.find('"') {
@@ -354,11 +400,9 @@ impl UnitWriter<'_> {
                 done.push_str(before);
                 let end = quoted.find('"').unwrap_or(quoted.len());
                 let (word, after) = quoted.split_at(end);
-                done.push_str(if word.eq_ignore_ascii_case(old) {
-                    new
-                } else {
-                    word
-                });
+                let is_parameter = before.ends_with("formalParameter=\"");
+                let stays = is_parameter || !word.eq_ignore_ascii_case(old);
+                done.push_str(if stays { word } else { new });
                 let close = after.len().min(1);
                 done.push_str(&after[..close]);
                 rest = &after[close..];
@@ -380,7 +424,12 @@ impl UnitWriter<'_> {
         }
         xml.open(element, &attributes);
         for decl in &block.decls {
-            self.variable(xml, decl);
+            let name = if is_global(block) {
+                self.name(&decl.name.name)
+            } else {
+                decl.name.name.clone()
+            };
+            self.variable(xml, &name, decl);
         }
         xml.close();
     }
@@ -421,6 +470,7 @@ impl UnitWriter<'_> {
         let mut variables: Vec<&str> = pou
             .vars
             .iter()
+            .filter(|b| !is_global(b))
             .flat_map(|b| &b.decls)
             .map(|d| d.name.name.as_str())
             .collect();
@@ -474,6 +524,18 @@ impl UnitWriter<'_> {
         xml.close();
         xml.finish()
     }
+}
+
+/// Whether the block's variables have the names that all POUs share.
+fn is_global(block: &VarBlock) -> bool {
+    matches!(block.section, VarSection::External | VarSection::Global)
+}
+
+/// Whether a word is the name of a parameter or a field: `f(word := x)`, `f(word => x)`.
+fn is_parameter(text: &str, at: usize, word: &str) -> bool {
+    let behind = text[at + word.len()..].trim_start();
+    let before = text[..at].trim_end();
+    behind.starts_with("=>") || behind.starts_with(":=") && before.ends_with(['(', ','])
 }
 
 fn st_body(xml: &mut Xml, text: &str) {
