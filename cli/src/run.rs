@@ -39,10 +39,8 @@ pub fn sources(files: &[PathBuf]) -> Result<Vec<SourceFile>> {
 /// The text of one file.
 pub fn text_of(path: &Path) -> Result<String> {
     let bytes = fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
-    Ok(match String::from_utf8(bytes) {
-        Ok(text) => text,
-        Err(error) => error.into_bytes().into_iter().map(char::from).collect(),
-    })
+    let as_they_are = |bytes: Vec<u8>| bytes.into_iter().map(char::from).collect();
+    Ok(fam_engineering::files::decoded(bytes.clone()).unwrap_or_else(|| as_they_are(bytes)))
 }
 
 /// Runs the programs. `Ok(false)`: they could not be compiled.

@@ -288,15 +288,23 @@ pub fn decoded(bytes: Vec<u8>) -> Option<String> {
     }
 }
 
-/// ISO 8859-1, and what Windows puts into its gap, if the XML declaration says so.
+/// ISO 8859-1, and what Windows puts into its gap: XML if its declaration says so, and whatever has no control
+/// characters.
 fn one_byte(bytes: &[u8]) -> Option<String> {
     const DECLARATION_MAX: usize = 200;
     const GAP: &str = "€\u{81}‚ƒ„…†‡ˆ‰Š‹Œ\u{8d}Ž\u{8f}\u{90}‘’“”•–—˜™š›œ\u{9d}žŸ";
     let head = bytes.get(..bytes.len().min(DECLARATION_MAX))?;
     let head = String::from_utf8_lossy(head).to_ascii_lowercase();
-    let declaration = head.strip_prefix("<?xml")?.split_once("?>")?.0.to_owned();
-    let known = ["iso-8859-1", "latin1", "windows-1252", "us-ascii"];
-    known.iter().find(|name| declaration.contains(**name))?;
+    if head.trim_start().starts_with('<') {
+        let declaration = head.strip_prefix("<?xml")?.split_once("?>")?.0.to_owned();
+        let known = ["iso-8859-1", "latin1", "windows-1252", "us-ascii"];
+        known.iter().find(|name| declaration.contains(**name))?;
+    } else if bytes
+        .iter()
+        .any(|b| *b < b' ' && !b"\t\n\x0c\r\x1a".contains(b))
+    {
+        return None;
+    }
     let gap: Vec<char> = GAP.chars().collect();
     let char_of = |byte: &u8| match byte {
         0x80..=0x9f => gap[usize::from(byte - 0x80)],
@@ -365,6 +373,33 @@ pub fn folder_of(path: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn logic_is_read_in_the_codes_that_tools_write() {
+        let text = "(* Größe in € *)\n";
+        let utf16 = |mark: u16, unit: fn(u16) -> [u8; 2]| -> Vec<u8> {
+            let units = std::iter::once(mark).chain(text.encode_utf16());
+            units.flat_map(unit).collect()
+        };
+        let windows = b"(* Gr\xf6\xdfe in \x80 *)\n".to_vec();
+        let marked = format!("\u{feff}{text}").into_bytes();
+        for bytes in [
+            text.as_bytes().to_vec(),
+            marked,
+            utf16(0xfeff, u16::to_le_bytes),
+            utf16(0xfeff, u16::to_be_bytes),
+            windows,
+        ] {
+            assert_eq!(decoded(bytes.clone()).as_deref(), Some(text), "{bytes:x?}");
+        }
+        for no_text in [
+            b"\x7fELF\x00\xff".to_vec(),
+            b"<x>\xff</x>".to_vec(),
+            vec![0xff, 0xfe, 0x41],
+        ] {
+            assert_eq!(decoded(no_text.clone()), None, "{no_text:x?}");
+        }
+    }
 
     #[test]
     fn paths_are_normalised_and_kept_inside() {

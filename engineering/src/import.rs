@@ -1,21 +1,24 @@
 //! From the logic of an existing PLC project to a proposal of mechatronic components: one for each program instance.
 //!
 //! Each gets what its program needs of the project: POUs, types and global variables. Its inputs and outputs are its located
-//! variables. What the engineer has to decide stands in a list: fail-safe values, critical intervals, and what the
-//! programs share today but cannot share as MCs.
+//! variables, and what one program writes and others read is exported to them. What the engineer has to decide stands in a list:
+//! fail-safe values, critical intervals, and what the programs share today but cannot share as MCs.
 
 use crate::caex::{FAM_LIBRARY, FAM_LIBRARY_FILE};
 use crate::convert::model_text;
+use crate::import_exchange::{Exchange, exchanges, placed};
 use crate::import_tables::{PlacedMc, ProposedController, name_of, tables};
 use crate::plcopen::logic_file::{Selection, write};
 use crate::problem::{Explain, Problems, file_error};
-use fam_soft_plc::check::tree::{PouId, Root, TypedProject, VarId, visit_places};
+use fam_soft_plc::check::tree::{
+    Place, PouId, Root, TypedProject, VarId, visit_places, visit_writes,
+};
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
 use fam_soft_plc::image::scalars;
 use fam_soft_plc::project::parse_project;
 use fam_soft_plc::source::SourceFile;
-use fam_soft_plc::syntax::ast::{PouKind, Project};
+use fam_soft_plc::syntax::ast::{Pou, PouKind, Project, VarBlock, VarSection};
 use fam_soft_plc::types::{Elem, TypeId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -39,12 +42,34 @@ pub struct ProposedMc {
     pub program: String,
     /// Interval of its task.
     pub cycle_ms: Option<f64>,
-    /// Located input variables.
-    pub inputs: Vec<String>,
-    /// Located output variables, with the value that a variable of its type has by itself.
-    pub outputs: Vec<(String, toml::Value)>,
+    /// What it reads.
+    pub inputs: Vec<ProposedInput>,
+    /// What it writes.
+    pub outputs: Vec<ProposedOutput>,
     /// Its logic as PLCopen XML.
     pub logic: String,
+}
+
+/// An input of a proposed MC.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProposedInput {
+    /// Variable.
+    pub name: String,
+    /// The MC that exports it, and its variable; `None` for a point of the field.
+    pub from: Option<(String, String)>,
+}
+
+/// An output of a proposed MC.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProposedOutput {
+    /// Variable.
+    pub name: String,
+    /// The value that a variable of its type has by itself.
+    pub idle: toml::Value,
+    /// Whether it goes to the field.
+    pub field: bool,
+    /// Whether other MCs read it.
+    pub export: bool,
 }
 
 /// Reads a project and proposes.
@@ -57,10 +82,9 @@ pub fn propose(sources: &[SourceFile]) -> Result<Proposal, Vec<Diagnostic>> {
         return Err(found);
     }
     let typed = check(&project, CheckOptions::default())?;
-    let instances = instances(&project, &typed);
     let mut proposal = Proposal::default();
-    let mut users: BTreeMap<VarId, Vec<String>> = BTreeMap::new();
-    for (name, program, cycle_ms) in instances {
+    let mut parts = Vec::new();
+    for (name, program, cycle_ms) in instances(&project, &typed) {
         let Some(pou) = typed.find_pou(&program) else {
             proposal.to_do.push(format!(
                 "the instance {name} is of the PROGRAM {program}, which the project does not contain"
@@ -68,16 +92,34 @@ pub fn propose(sources: &[SourceFile]) -> Result<Proposal, Vec<Diagnostic>> {
             continue;
         };
         let pous = reached(&project, &typed, pou);
-        let globals = used_globals(&typed, &pous);
-        for global in &globals {
-            users.entry(*global).or_default().push(name.clone());
-        }
-        proposal.mcs.push(mc(
-            &project, &typed, sources, name, &program, cycle_ms, &pous, &globals,
-        ));
+        parts.push(Part {
+            name,
+            program: typed.pou(pou).name.clone(),
+            cycle_ms,
+            globals: used_globals(&project, &typed, &pous),
+            written: written_globals(&typed, &pous),
+            pous,
+        });
     }
-    to_do(&typed, &users, &mut proposal);
+    let exchanges = exchanges(&typed, &parts);
+    for index in 0..parts.len() {
+        let own = exchanges.iter().filter(|e| e.users().any(|u| u == index));
+        let own: Vec<&Exchange> = own.collect();
+        let proposed = mc(&project, &typed, sources, &parts, index, &own);
+        proposal.mcs.push(proposed);
+    }
+    to_do(&typed, &parts, &exchanges, &mut proposal);
     Ok(proposal)
+}
+
+/// A program instance, and what it needs of the project.
+pub(crate) struct Part {
+    pub name: String,
+    program: String,
+    cycle_ms: Option<f64>,
+    pub pous: BTreeSet<PouId>,
+    pub globals: BTreeSet<VarId>,
+    pub written: BTreeSet<VarId>,
 }
 
 /// A whole model from the files of a PLC project: an AutomationML file named `file_name`, the logic of each proposed MC, the
@@ -110,14 +152,14 @@ pub fn model(
         })
         .collect();
     let mut files = BTreeMap::new();
-    let mut placed = Vec::new();
+    let mut in_files = Vec::new();
     for mc in proposal.mcs {
         let file = format!("logic/{}.xml", name_of(&mc.name));
         files.insert(file.clone(), mc.logic.clone());
-        placed.push(PlacedMc { mc, at: 0..0, file });
+        in_files.push(PlacedMc { mc, at: 0..0, file });
     }
     let cell = Spanned::new(0..0, name_of(stem));
-    let tables = tables(cell, &controllers, &placed);
+    let tables = tables(cell, &controllers, &in_files);
     let text = model_text(&tables, &files, file_name, None);
     let mut list = String::from(
         "# To do\n\nWhat the import could not know. `fam check` tells what is wrong after each change.\n\n",
@@ -176,13 +218,16 @@ fn reached(project: &Project, typed: &TypedProject, main: PouId) -> BTreeSet<Pou
     let mut reached = BTreeSet::from([main]);
     let mut todo = vec![main];
     while let Some(pou) = todo.pop() {
-        let mut next: Vec<PouId> = typed.pou(pou).calls.iter().copied().collect();
+        let of = typed.pou(pou);
+        let mut next: Vec<PouId> = of.calls.iter().copied().collect();
+        next.extend(of.methods.iter().map(|(_, method)| *method));
+        next.extend(of.extends.into_iter().chain(of.instance_of));
         // An instance that is declared and never called has a type all the same.
         for decl in project
             .pous
             .iter()
-            .filter(|p| p.name.name.eq_ignore_ascii_case(&typed.pou(pou).name))
-            .flat_map(|p| &p.vars)
+            .filter(|p| p.name.name.eq_ignore_ascii_case(&of.name))
+            .flat_map(blocks)
             .flat_map(|b| &b.decls)
         {
             let text = project.sources.slice(decl.spec.span);
@@ -200,75 +245,127 @@ fn reached(project: &Project, typed: &TypedProject, main: PouId) -> BTreeSet<Pou
     reached
 }
 
+/// The declarations of a POU and of its methods.
+fn blocks(pou: &Pou) -> impl Iterator<Item = &VarBlock> {
+    let methods = pou.class.methods.iter();
+    pou.vars.iter().chain(methods.flat_map(|m| &m.vars))
+}
+
 fn words(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_')
         .filter(|w| !w.is_empty())
 }
 
 /// Global variables that some POUs read, write or declare VAR_EXTERNAL.
-fn used_globals(typed: &TypedProject, pous: &BTreeSet<PouId>) -> BTreeSet<VarId> {
+fn used_globals(
+    project: &Project,
+    typed: &TypedProject,
+    pous: &BTreeSet<PouId>,
+) -> BTreeSet<VarId> {
     let mut used = BTreeSet::new();
     for pou in pous {
         visit_places(&typed.pou(*pou).body, &mut |place| {
-            if let Root::Var(id) = &place.root
-                && typed.var(*id).owner.is_none()
-            {
-                used.insert(*id);
-            }
+            used.extend(global(typed, place));
         });
-        for var in &typed.pou(*pou).vars {
-            let var = typed.var(*var);
-            if var.section == fam_soft_plc::syntax::ast::VarSection::External {
-                used.extend(typed.find_global(&var.name));
-            }
-        }
     }
+    let is_one = |name: &str| {
+        pous.iter()
+            .any(|p| typed.pou(*p).name.eq_ignore_ascii_case(name))
+    };
+    let pous = project.pous.iter().filter(|p| is_one(&p.name.name));
+    let declared = pous
+        .flat_map(blocks)
+        .filter(|b| b.section == VarSection::External)
+        .flat_map(|b| &b.decls);
+    used.extend(declared.filter_map(|d| typed.find_global(&d.name.name)));
     used
 }
 
-#[allow(clippy::too_many_arguments)] // all that was worked out of the project for one program
+fn written_globals(typed: &TypedProject, pous: &BTreeSet<PouId>) -> BTreeSet<VarId> {
+    let mut written = BTreeSet::new();
+    for pou in pous {
+        visit_writes(&typed.pou(*pou).body, &mut |place, _| {
+            written.extend(global(typed, place));
+        });
+    }
+    written
+}
+
+fn global(typed: &TypedProject, place: &Place) -> Option<VarId> {
+    match &place.root {
+        Root::Var(id) if typed.var(*id).owner.is_none() => Some(*id),
+        _ => None,
+    }
+}
+
 fn mc(
     project: &Project,
     typed: &TypedProject,
     sources: &[SourceFile],
-    name: String,
-    program: &str,
-    cycle_ms: Option<f64>,
-    pous: &BTreeSet<PouId>,
-    globals: &BTreeSet<VarId>,
+    parts: &[Part],
+    index: usize,
+    exchanges: &[&Exchange],
 ) -> ProposedMc {
+    let part = &parts[index];
     let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
-    let inner = pous.iter().flat_map(|p| typed.pou(*p).vars.iter().copied());
-    for id in globals.iter().copied().chain(inner) {
-        let var = typed.var(id);
-        for scalar in scalars(typed, var) {
+    let inner = part.pous.iter().flat_map(|p| typed.pou(*p).vars.iter());
+    for id in part.globals.iter().chain(inner) {
+        if exchanges.iter().any(|e| e.var == *id) {
+            continue;
+        }
+        for scalar in scalars(typed, typed.var(*id)) {
             if scalar.location.output {
-                outputs.push((scalar.path, idle_value(typed, scalar.ty)));
+                outputs.push(ProposedOutput {
+                    name: scalar.path,
+                    idle: idle_value(typed, scalar.ty),
+                    field: true,
+                    export: false,
+                });
             } else {
-                inputs.push(scalar.path);
+                inputs.push(ProposedInput {
+                    name: scalar.path,
+                    from: None,
+                });
             }
+        }
+    }
+    for exchange in exchanges {
+        let var = typed.var(exchange.var);
+        if exchange.from == index {
+            outputs.push(ProposedOutput {
+                name: var.name.clone(),
+                idle: idle_value(typed, var.ty),
+                field: var.location.is_some_and(|l| !l.memory),
+                export: true,
+            });
+        } else {
+            inputs.push(ProposedInput {
+                name: var.name.clone(),
+                from: Some((parts[exchange.from].name.clone(), var.name.clone())),
+            });
         }
     }
     // Constants that other declarations are made of are needed without being used in any body.
     let constants = typed.globals.iter().filter(|g| typed.var(**g).constant);
     let selection = Selection {
-        pous: pous
+        pous: part
+            .pous
             .iter()
             .map(|p| typed.pou(*p).name.to_ascii_uppercase())
             .collect(),
-        globals: globals
+        globals: part
+            .globals
             .iter()
             .chain(constants)
             .map(|g| typed.var(*g).name.to_ascii_uppercase())
             .collect(),
     };
+    let placed = placed(project, typed, part, index, exchanges);
     ProposedMc {
-        logic: write(&name, project, sources, Some(&selection)),
-        program: typed
-            .find_pou(program)
-            .map_or(program.to_owned(), |p| typed.pou(p).name.clone()),
-        name,
-        cycle_ms,
+        logic: write(&part.name, &placed, sources, Some(&selection)),
+        program: part.program.clone(),
+        name: part.name.clone(),
+        cycle_ms: part.cycle_ms,
         inputs,
         outputs,
     }
@@ -293,21 +390,43 @@ fn idle_value(typed: &TypedProject, ty: TypeId) -> toml::Value {
     }
 }
 
-fn to_do(typed: &TypedProject, users: &BTreeMap<VarId, Vec<String>>, proposal: &mut Proposal) {
-    for (id, mcs) in users.iter().filter(|(_, mcs)| mcs.len() > 1) {
+fn to_do(typed: &TypedProject, parts: &[Part], exchanges: &[Exchange], proposal: &mut Proposal) {
+    let names = |which: &mut dyn Iterator<Item = usize>| -> String {
+        let names: Vec<&str> = which.map(|w| parts[w].name.as_str()).collect();
+        names.join(", ")
+    };
+    let mut exported: BTreeMap<(usize, &[usize]), Vec<&str>> = BTreeMap::new();
+    for exchange in exchanges {
+        let list = exported.entry((exchange.from, &exchange.to)).or_default();
+        list.push(&typed.var(exchange.var).name);
+    }
+    for ((from, to), variables) in exported {
+        proposal.to_do.push(format!(
+            "{} exports {} to {}: what it writes is seen there a cycle later; look whether the programs stand that",
+            parts[from].name,
+            variables.join(", "),
+            names(&mut to.iter().copied()),
+        ));
+    }
+    for id in &typed.globals {
         let var = typed.var(*id);
-        let list = mcs.join(", ");
-        let name = &var.name;
-        if var.constant {
+        let which = |of: fn(&Part) -> &BTreeSet<VarId>| {
+            (0..parts.len()).filter(move |p| of(&parts[*p]).contains(id))
+        };
+        let is_settled = exchanges.iter().any(|e| e.var == *id);
+        if is_settled || var.constant || which(|p| &p.globals).count() < 2 {
             continue;
         }
+        let name = &var.name;
+        let users = names(&mut which(|p| &p.globals));
+        let writers = names(&mut which(|p| &p.written));
         proposal.to_do.push(match var.location {
             Some(location) if location.output => format!(
-                "the output {name} is written by {list}: let one of them drive it, and export to it what the others want"
+                "the output {name} is used by {users} and written by {writers}: let one of them drive it, and export to it what the others want"
             ),
             Some(_) => continue,
             None => format!(
-                "the global variable {name} is used by {list}: MCs share no memory, so that each has its own now; let one of them export it and the others read it as an input"
+                "the global variable {name} is used by {users}: MCs share no memory, so that each has its own now; let one of them export it and the others read it as an input"
             ),
         });
     }

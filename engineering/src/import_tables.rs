@@ -130,18 +130,24 @@ fn mc_table(placed: &PlacedMc, tick_ms: f64) -> Spanned<McTable> {
     let inputs: BTreeMap<Spanned<String>, Spanned<String>> = mc
         .inputs
         .iter()
-        .map(|name| (here(name), here(&point(name))))
+        .map(|input| {
+            let source = match &input.from {
+                Some((peer, output)) => format!("mc:{}.{output}", name_of(peer)),
+                None => point(&input.name),
+            };
+            (here(&input.name), here(&source))
+        })
         .collect();
     let outputs = mc
         .outputs
         .iter()
-        .map(|(name, value)| {
-            let output = OutputTable {
-                field: Some(here(&point(name))),
-                export: false,
-                fail_safe: Some(Spanned::new(at.clone(), value.clone())),
+        .map(|output| {
+            let table = OutputTable {
+                field: output.field.then(|| here(&point(&output.name))),
+                export: output.export,
+                fail_safe: Some(Spanned::new(at.clone(), output.idle.clone())),
             };
-            (here(name), Spanned::new(at.clone(), output))
+            (here(&output.name), Spanned::new(at.clone(), table))
         })
         .collect();
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most the default

@@ -26,6 +26,7 @@ pub mod deployment;
 pub mod files;
 pub mod generate;
 pub mod import;
+mod import_exchange;
 pub mod import_tables;
 mod intervals;
 mod io;

@@ -88,6 +88,7 @@ pub fn tables(
     if controllers.is_empty() || mcs.is_empty() {
         return None;
     }
+    only_from(&mut mcs);
     let names: Vec<&str> = mcs.iter().map(|m| m.mc.name.as_str()).collect();
     let message = format!(
         "the model has no roles of FAM: each program is taken as a mechatronic component ({}) that every controller may run, its located variables as points of the driver `image`",
@@ -247,6 +248,15 @@ fn references(
         }
     }
     found
+}
+
+/// Of programs that are not taken nobody can read anything: such inputs are points of the field.
+fn only_from(mcs: &mut [PlacedMc]) {
+    let taken: Vec<String> = mcs.iter().map(|m| m.mc.name.clone()).collect();
+    for input in mcs.iter_mut().flat_map(|m| &mut m.mc.inputs) {
+        let is_taken = |from: &(String, String)| taken.contains(&from.0);
+        input.from = input.from.take().filter(is_taken);
+    }
 }
 
 fn proposal(

@@ -56,10 +56,15 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, Box<Diagnostic>> {
         }));
     }
     let unreadable = |e: std::io::Error| {
-        Box::new(
+        let ending = path.extension().map(|e| e.to_ascii_lowercase());
+        let is_logic =
+            ending.is_some_and(|e| e == "st" || e == "xml" || e == "exp" || e == "iecst");
+        Box::new(if is_logic {
+            file_error("M103", path, format!("the file cannot be read: {e}"))
+        } else {
             file_error("M103", path, format!("the model cannot be read: {e}"))
-                .hint("give the path of an AutomationML model (.aml, .amlx) or a cell.toml"),
-        )
+                .hint("give the path of an AutomationML model (.aml, .amlx) or a cell.toml")
+        })
     };
     let file = std::fs::File::open(path).map_err(unreadable)?;
     let mut bytes = Vec::new();

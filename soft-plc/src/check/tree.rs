@@ -12,7 +12,7 @@ use crate::syntax::ast::{Access, BinOp, PouKind, Project, UnOp, VarSection};
 use crate::types::{Elem, InterfaceId, TypeId, TypeKind, TypeTable};
 use crate::value::Value;
 
-pub use crate::check::visit::{visit_expr, visit_place, visit_places};
+pub use crate::check::visit::{visit_expr, visit_place, visit_places, visit_writes};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PouId(pub u32);

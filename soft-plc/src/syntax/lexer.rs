@@ -1,6 +1,7 @@
 //! Splits Structured Text into tokens (IEC 61131-3, clause 6.1 to 6.3). Comments and pragmas are passed over.
 
 use logos::{Lexer, Logos};
+use std::ops::Range;
 
 use crate::diag::Problem;
 use crate::source::Span;
@@ -176,6 +177,9 @@ pub fn lex(source: u32, text: &str, base: usize, problems: &mut Vec<Problem>) ->
                 tokens.push(Token { tok, span });
             }
             Ok(tok) => tokens.push(Token { tok, span }),
+            Err(()) if lexer.slice().starts_with(char::is_alphabetic) => {
+                word(&mut lexer, source, base, &mut tokens, problems);
+            }
             Err(()) => {
                 let slice = lexer.slice();
                 // A file that is no text at all has as many problems as bytes.
@@ -194,6 +198,39 @@ pub fn lex(source: u32, text: &str, base: usize, problems: &mut Vec<Problem>) ->
         span,
     });
     tokens
+}
+
+/// A name with letters that names do not have, `größe`: told once, and read as the name that it is meant to be.
+fn word(
+    lexer: &mut Lexer<'_, Tok>,
+    source: u32,
+    base: usize,
+    tokens: &mut Vec<Token>,
+    problems: &mut Vec<Problem>,
+) {
+    let rest = lexer.remainder();
+    let is_part = |c: char| c.is_alphanumeric() || c == '_';
+    lexer.bump(rest.find(|c| !is_part(c)).unwrap_or(rest.len()));
+    let Range { mut start, end } = lexer.span();
+    let begun = tokens.last().filter(|t| {
+        let is_word = matches!(t.tok, Tok::Ident | Tok::Kw(_));
+        is_word && t.span.source == source && t.span.end as usize == base + start
+    });
+    if let Some(begun) = begun {
+        start = begun.span.start as usize - base;
+        tokens.pop();
+    }
+    let span = Span::new(source, base + start, base + end);
+    let message = format!("`{}` is no name", &lexer.source()[start..end]);
+    let told = problems.iter().any(|p| p.message == message);
+    if !told && problems.len() < PROBLEMS_MAX {
+        problems.push(
+            Problem::error("E104", span, message)
+                .expected("letters from A to Z, digits and `_` (IEC 61131-3, clause 6.1.2)"),
+        );
+    }
+    let tok = Tok::Ident;
+    tokens.push(Token { tok, span });
 }
 
 /// What stands in the place of a string that is not closed, so that the statement around it can be read: a value, and the

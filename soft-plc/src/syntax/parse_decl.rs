@@ -480,6 +480,16 @@ impl Parser<'_> {
                     continue;
                 }
                 Tok::Ident if !self.at_statement() => {}
+                Tok::Int if self.peek_at(1) == Tok::Ident => {
+                    let whole = self.span().to(self.span_at(1));
+                    let message = format!("`{}` is no name", self.text_of(whole));
+                    self.report(
+                        Problem::error("E105", whole, message)
+                            .hint("a name cannot begin with a digit"),
+                    );
+                    self.recover(ends_variables);
+                    continue;
+                }
                 Tok::Kw(kw)
                     if !ends_variables(kw) && (!starts_statement(kw) || self.names_variable()) => {}
                 _ => {

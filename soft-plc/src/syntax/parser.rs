@@ -271,12 +271,17 @@ impl<'a> Parser<'a> {
             return Err(Stop);
         }
         let last = self.last_span();
-        if self.touches(1, Tok::Int) && self.at(Tok::Ident) {
+        let follows_number =
+            [Tok::Int, Tok::Based, Tok::Real].map(|number| self.touches(1, number));
+        if follows_number.contains(&true) && self.at(Tok::Ident) {
             let span = last.to(self.span());
             let message = format!("`{}` is neither a number nor a name", self.text_of(span));
-            self.report(
-                Problem::error("E105", span, message).hint("a name cannot begin with a digit"),
-            );
+            let hint = if self.token_before(1) == Some(Tok::Based) {
+                "digits are 0 and 1 to the base 2, 0 to 7 to the base 8, 0 to 9 and A to F to the base 16"
+            } else {
+                "a name cannot begin with a digit"
+            };
+            self.report(Problem::error("E105", span, message).hint(hint));
             return Err(Stop);
         }
         let span = Span {
@@ -284,10 +289,12 @@ impl<'a> Parser<'a> {
             end: last.end + 1,
             ..last
         };
-        self.report(
-            Problem::error("E111", span, format!("the `;` after {after} is missing"))
-                .expected("`;`"),
-        );
+        let problem = Problem::error("E111", span, format!("the `;` after {after} is missing"));
+        self.report(if self.at(Tok::Eq) {
+            problem.hint("`:=` gives a value; `=` compares")
+        } else {
+            problem.expected("`;`")
+        });
         Err(Stop)
     }
 
