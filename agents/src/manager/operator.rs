@@ -86,6 +86,32 @@ impl Goal {
         }
     }
 
+    /// What is said when something about an MC has failed on the way there.
+    fn failed(&self, mc: &McId, why: &str, view: &CellView) -> String {
+        let why = if why.contains(mc.as_str()) {
+            why.to_owned()
+        } else {
+            format!("{mc}: {why}")
+        };
+        let Goal::Renewed(versions) = self else {
+            return why;
+        };
+        let is_new = |(mc, version): &(&McId, &u64)| {
+            view.version_of(mc).map(|in_force| in_force.0) == Some(**version)
+        };
+        let renewed: Vec<&str> = versions
+            .iter()
+            .filter(is_new)
+            .map(|(mc, _)| mc.as_str())
+            .collect();
+        let rest = if renewed.is_empty() {
+            "No MC has its new version yet".to_owned()
+        } else {
+            format!("The new version is in force for {}", renewed.join(", "))
+        };
+        format!("{why}; it goes on with the version that it has. {rest}; `fam reload` tries again")
+    }
+
     fn is_about(&self, mc: &McId, view: &CellView) -> bool {
         match self {
             Goal::On(other, _) | Goal::Stopped(other) => other == mc,
@@ -557,7 +583,9 @@ impl MiddlewareManager {
             .map(|(key, _)| *key)
             .collect();
         for key in keys {
-            self.end_command(key, Err(why.to_owned()));
+            let goal = self.commands.entries[&key].goal.as_ref();
+            let text = goal.map_or(why.to_owned(), |(g, _)| g.failed(mc, why, &self.view));
+            self.end_command(key, Err(text));
         }
     }
 

@@ -72,7 +72,7 @@ fn a_move_that_fails_says_why() {
             "client1 failed; c1/m1 cancel e3; c2/m1 cancel e4",
         ),
     ]);
-    assert_eq!(bench.answer(), "critical all the time");
+    assert_eq!(bench.answer(), "m1: critical all the time");
     bench.bid_refuses();
     assert!(
         bench.answer().contains("c2 has no room"),
@@ -412,6 +412,28 @@ fn a_new_version_is_made_ready_everywhere_and_brought_in_by_its_owner() {
     }
     // A manager that starts now learns the version from who drives.
     assert_eq!(bench.agents.view().version_of(&m("m1")).unwrap().0, 60);
+}
+
+#[test]
+fn a_new_version_that_finds_no_moment_leaves_the_old_one_and_says_so() {
+    let mut bench = running();
+    bench.script(&[
+        (1_001, "reload", "c1 stage; c2 stage; client1 begun"),
+        (1_010, "staged c1.1 m1 60", ""),
+        (1_020, "staged c2.1 m1 60", "client1 done"),
+        (
+            1_320,
+            "reload 1",
+            "client1 begun; c1/m1 release e3 to c1 e4",
+        ),
+    ]);
+    bench.step(1_330, "notreleased c1.1 m1");
+    assert_eq!(
+        bench.answer(),
+        "m1: critical all the time; it goes on with the version that it has. No MC has its new version yet; `fam reload` tries again"
+    );
+    let in_force = bench.agents.view().version_of(&m("m1")).map(|v| v.0);
+    assert_ne!(in_force, Some(60));
 }
 
 #[test]

@@ -8,6 +8,9 @@ use crate::problem::{Explain, nearest};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
+/// A library that cannot be read, and a class that is in none.
+const NO_CLASS: [&str; 2] = ["M804", "M806"];
+
 /// What is looked at: an element or an interface of FAM's classes.
 pub struct Seen {
     /// Its name, with that of its element.
@@ -52,7 +55,12 @@ pub fn report(values: &mut Values<'_>, parts: &[Seen]) {
             }
         }
     }
-    if let Some(at) = other_at {
+    // Of a class that is not there nobody knows which attributes it has; that has been told.
+    let knows_all = !values
+        .problems
+        .iter()
+        .any(|p| NO_CLASS.contains(&p.code.as_str()));
+    if let Some(at) = other_at.filter(|_| knows_all) {
         let message = format!("FAM has no use for the attributes {}", names(others.iter()));
         let warning = values.caex.text().warning("W816", at, message);
         values.problems.push(warning.hint(
