@@ -231,6 +231,67 @@ fn in_one_plc_each_name_and_each_place_means_one_thing() {
     }
 }
 
+#[test]
+fn what_is_drawn_takes_its_names_and_places_along() {
+    let element = |kind: &str, id: u32, from: u32, variable: &str| {
+        format!(
+            "<{kind} localId=\"{id}\" negated=\"false\"><position x=\"0\" y=\"0\"/><connectionPointIn><connection refLocalId=\"{from}\"/></connectionPointIn>\
+             <connectionPointOut/><variable>{variable}</variable></{kind}>"
+        )
+    };
+    let variable = |name: &str, place: &str| {
+        format!("<variable name=\"{name}\"{place}><type><BOOL/></type></variable>")
+    };
+    let ladder = format!(
+        "<project xmlns=\"http://www.plcopen.org/xml/tc6_0201\"><fileHeader companyName=\"c\" productName=\"p\" productVersion=\"1\" creationDateTime=\"2020-01-01T00:00:00\"/>\
+         <contentHeader name=\"l\"><coordinateInfo><fbd><scaling x=\"1\" y=\"1\"/></fbd><ld><scaling x=\"1\" y=\"1\"/></ld><sfc><scaling x=\"1\" y=\"1\"/></sfc></coordinateInfo></contentHeader>\
+         <types><dataTypes/><pous><pou name=\"Ladder\" pouType=\"program\"><interface><externalVars>{}{}</externalVars></interface><body><LD>\
+         <leftPowerRail localId=\"1\"><position x=\"0\" y=\"0\"/><connectionPointOut formalParameter=\"\"/></leftPowerRail>{}{}{}</LD></body></pou></pous></types>\
+         <instances><configurations><configuration name=\"c\"><resource name=\"r\"/><globalVars>{}{}{}</globalVars></configuration></configurations></instances></project>",
+        variable("go", ""),
+        variable("out", ""),
+        element("contact", 2, 1, "go"),
+        element("contact", 3, 2, "%IX0.1"),
+        element("coil", 4, 3, "out"),
+        variable("go", " address=\"%IX0.0\""),
+        variable("spare", " address=\"%IX0.1\""),
+        variable("out", " address=\"%QX0.0\""),
+    );
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("ladder.xml"), ladder).unwrap();
+    let mc = |name: &str| {
+        format!(
+            "[[mc]]\nname = \"{name}\"\nprogram = \"Ladder\"\nlogic = [\"ladder.xml\"]\ngateway = \"g\"\nhosts = \"all\"\nworst_case_us = 50\n\
+             [mc.inputs]\ngo = \"image:{name}_go\"\nspare = \"image:{name}_spare\"\n\
+             [mc.outputs]\nout = {{ field = \"image:{name}_out\", fail_safe = false }}\n"
+        )
+    };
+    let cell = format!(
+        "format = 1\n[cell]\nname = \"c\"\n[[gateway]]\nname = \"g\"\ndriver = \"image\"\n[[controller]]\nname = \"k\"\n{}{}",
+        mc("A"),
+        mc("B")
+    );
+    std::fs::write(dir.path().join("cell.toml"), cell).unwrap();
+    let built = build(&dir.path().join("cell.toml")).unwrap_or_else(|p| panic!("{p}"));
+    let text = ordinary_project(&built);
+    compiles(&text);
+    let (first, second) = text.split_once("name=\"B_Ladder\"").unwrap();
+    for (part, said) in [
+        (
+            first,
+            ["<variable>go<", "<variable>%IX0.1<", "<variable>out<"],
+        ),
+        (
+            second,
+            ["<variable>B_go<", "<variable>%IX8.1<", "<variable>B_out<"],
+        ),
+    ] {
+        for words in said {
+            assert!(part.contains(words), "expected `{words}` in:\n{text}");
+        }
+    }
+}
+
 /// Which MC reads what of which, as far as it is of an elementary type.
 fn exchanges(built: &fam_engineering::BuiltCell) -> Vec<(String, String)> {
     let mut list = Vec::new();

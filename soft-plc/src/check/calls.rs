@@ -9,7 +9,7 @@ use crate::check::{Checker, Declared, key};
 use crate::diag::Problem;
 use crate::source::Span;
 use crate::syntax::ast::{self, Arg, PouKind, VarSection};
-use crate::types::{TypeId, TypeKind};
+use crate::types::{Elem, TypeId, TypeKind};
 
 impl Checker<'_> {
     /// A call inside an expression: of a function.
@@ -314,6 +314,16 @@ impl Checker<'_> {
         (!failed).then_some(pairs)
     }
 
+    /// Whether what goes to this place may go there negated; reports it if not.
+    fn may_be_negated(&mut self, place: &Place, span: Span) -> bool {
+        let is_bool = self.types.elem(place.ty) == Some(Elem::Bool);
+        if !is_bool {
+            let message = "NOT applies to a BOOL output only";
+            self.report(Problem::error("E408", span, message));
+        }
+        is_bool
+    }
+
     fn no_parameter(&mut self, pou: &str, parameters: &[VarId], arg: &Arg, at: Span) {
         let names: Vec<String> = parameters
             .iter()
@@ -376,26 +386,24 @@ impl Checker<'_> {
                     }
                 },
                 (VarSection::Output, Some((value, negated))) => {
-                    if negated {
-                        self.report(
-                            Problem::error(
-                                "E408",
-                                span,
-                                "NOT cannot stand before an output of a function",
-                            )
-                            .hint("negate the variable in a statement of its own"),
-                        );
-                        failed = true;
-                    }
                     match self.output_target(parameter, value) {
-                        Some(place) => Argument::Output(Some(place)),
+                        Some(place) => {
+                            failed |= negated && !self.may_be_negated(&place, value.span);
+                            Argument::Output {
+                                target: Some(place),
+                                negated,
+                            }
+                        }
                         None => {
                             failed = true;
                             continue;
                         }
                     }
                 }
-                (VarSection::Output, None) => Argument::Output(None),
+                (VarSection::Output, None) => Argument::Output {
+                    target: None,
+                    negated: false,
+                },
                 (_, Some((value, _))) => match self.in_out(parameter, value) {
                     Some(place) => Argument::InOut(place),
                     None => {
@@ -572,16 +580,7 @@ impl Checker<'_> {
                 }
                 VarSection::Output => match self.output_target(*parameter, value) {
                     Some(place) => {
-                        if arg.negated
-                            && self.types.elem(place.ty) != Some(crate::types::Elem::Bool)
-                        {
-                            self.report(Problem::error(
-                                "E408",
-                                value.span,
-                                "NOT applies to a BOOL output only",
-                            ));
-                            failed = true;
-                        }
+                        failed |= arg.negated && !self.may_be_negated(&place, value.span);
                         call.outputs.push((*parameter, place, arg.negated));
                     }
                     None => failed = true,

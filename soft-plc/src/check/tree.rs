@@ -382,7 +382,11 @@ pub enum Receiver {
 #[derive(Clone, Debug)]
 pub enum Argument {
     Input(Expr),
-    Output(Option<Place>),
+    /// `=> target` or `NOT output => target`; without a target nobody asks for it.
+    Output {
+        target: Option<Place>,
+        negated: bool,
+    },
     InOut(Place),
 }
 

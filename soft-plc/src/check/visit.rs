@@ -113,8 +113,12 @@ fn call(at: &FunctionCall, f: &mut dyn FnMut(Node<'_>)) {
     for arg in &at.args {
         match arg {
             Argument::Input(value) => expr(value, f),
-            Argument::Output(Some(target)) | Argument::InOut(target) => place(target, f),
-            Argument::Output(None) => {}
+            Argument::Output {
+                target: Some(target),
+                ..
+            }
+            | Argument::InOut(target) => place(target, f),
+            Argument::Output { target: None, .. } => {}
         }
     }
 }
@@ -172,9 +176,12 @@ pub fn visit_writes(body: &[Stmt], f: &mut dyn FnMut(&Place, bool)) {
         Node::Call(inner) => {
             for arg in &inner.args {
                 match arg {
-                    Argument::Output(Some(target)) => f(target, false),
+                    Argument::Output {
+                        target: Some(target),
+                        ..
+                    } => f(target, false),
                     Argument::InOut(target) => f(target, true),
-                    Argument::Input(_) | Argument::Output(None) => {}
+                    Argument::Input(_) | Argument::Output { target: None, .. } => {}
                 }
             }
         }

@@ -59,7 +59,7 @@ impl Fun<'_, '_> {
                 }
                 Argument::Input(expr) => self.expr(expr),
                 Argument::InOut(place) => self.pass(place, &mut back),
-                Argument::Output(_) => {}
+                Argument::Output { .. } => {}
             }
         }
         self.copy_in(&back);
@@ -82,12 +82,16 @@ impl Fun<'_, '_> {
         }
         self.bring_back(back);
         for (parameter, argument) in parameters.iter().zip(&call.args) {
-            let Argument::Output(Some(place)) = argument else {
+            let Argument::Output {
+                target: Some(place),
+                negated,
+            } = argument
+            else {
                 continue;
             };
             match values.iter().find(|(p, _, _)| p == parameter).copied() {
                 Some((_, local, elem)) => {
-                    self.store_converted(place, elem, false, |f| f.i(I::LocalGet(local)))
+                    self.store_converted(place, elem, *negated, |f| f.i(I::LocalGet(local)))
                 }
                 None if project.types.text(place.ty).is_some() => {
                     let at = self.m.scratch_of(*parameter);

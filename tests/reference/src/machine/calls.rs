@@ -176,7 +176,7 @@ impl Machine<'_> {
                     own.insert(*parameter, node);
                     copies.extend(back.map(|spot| (node, spot)));
                 }
-                Argument::Output(_) => {}
+                Argument::Output { .. } => {}
             }
         }
         self.copy_in(&copies);
@@ -197,10 +197,14 @@ impl Machine<'_> {
         let result = unit.result.map(|id| self.memory.data(inner.own[&id]));
         self.bring_back(&copies);
         for ((parameter, declared), argument) in parameters.iter().zip(&declared).zip(&call.args) {
-            if let Argument::Output(Some(place)) = argument {
+            if let Argument::Output {
+                target: Some(place),
+                negated,
+            } = argument
+            {
                 let value = self.memory.data(inner.own[parameter]);
                 let spot = self.spot(place, frame)?;
-                self.store_output(project.var(*declared).ty, place, value, false, spot)?;
+                self.store_output(project.var(*declared).ty, place, value, *negated, spot)?;
             }
         }
         self.memory.forget(mark);
