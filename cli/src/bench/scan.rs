@@ -278,8 +278,8 @@ pub fn compile(pair: &Pair) -> Result<(Engine, Module)> {
     Ok((engine, module))
 }
 
-/// Nanoseconds of one scan: ours, and that of C.
-fn measure(pair: &Pair, folder: &Path) -> Result<(f64, f64)> {
+/// Both programs after scans with the same results, and the time of the next scan.
+fn compared(pair: &Pair, folder: &Path) -> Result<(Instance, Native, i64)> {
     let (engine, module) = compile(pair)?;
     let mut ours = Instance::new(&engine, &module)?;
     let native = Native::build(pair, folder)?;
@@ -294,6 +294,12 @@ fn measure(pair: &Pair, folder: &Path) -> Result<(f64, f64)> {
             bail!("after scan {scan} the result is {a}, and that of C is {b}");
         }
     }
+    Ok((ours, native, now))
+}
+
+/// Nanoseconds of one scan: ours, and that of C.
+fn measure(pair: &Pair, folder: &Path) -> Result<(f64, f64)> {
+    let (mut ours, native, mut now) = compared(pair, folder)?;
     let mut batch = 1;
     loop {
         let (spent, _) = time(batch, &mut now, |n| ours.scan(n, 2).is_ok());
@@ -336,4 +342,20 @@ fn value_of(instance: &Instance) -> Result<f64> {
         .read("P.result")
         .context("the program has no variable `result`")?;
     Ok(value.as_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a program means may change in the language, and then the C beside it has to.
+    #[test]
+    fn programs_and_their_c_answer_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        for pair in pairs(1_000, &|_| true) {
+            if let Err(error) = compared(&pair, folder.path()) {
+                panic!("{}: {error}", pair.name);
+            }
+        }
+    }
 }

@@ -687,8 +687,14 @@ impl World {
             }
             let wanted = ty.clone();
             if let Some((text, _)) = self.place(scope, 1, |l| l.write && l.ty == wanted) {
-                self.note("output argument");
-                args.push(format!("{parameter} => {text}"));
+                let negated = *ty == Ty::El(Elem::Bool) && self.random.chance(40);
+                self.note(if negated {
+                    "negated output argument"
+                } else {
+                    "output argument"
+                });
+                let not = if negated { "NOT " } else { "" };
+                args.push(format!("{not}{parameter} => {text}"));
             }
         }
         scope.calls -= 1;
