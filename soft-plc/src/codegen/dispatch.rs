@@ -3,7 +3,7 @@
 use wasm_encoder::{BlockType, Function, Instruction as I, MemArg, ValType};
 
 use super::helper;
-use super::{IMPORT_BASE, SiteKind, State};
+use super::{Behind, SiteKind, State, linked};
 use crate::check::tree::{PouId, Receiver, VarId};
 use crate::source::Span;
 use crate::types::InterfaceId;
@@ -74,13 +74,11 @@ impl State<'_> {
         if interface.is_none() && targets.iter().all(|t| Some(t.1) == only) {
             return only.map_or_else(|| self.numbers[&method], |m| self.numbers[&m]);
         }
-        let first = super::helpers(self.pointers) + self.order.len() as u32;
-        let known = self
-            .dispatchers
-            .iter()
-            .position(|d| d.method == method && d.interface == interface);
-        if let Some(index) = known {
-            return first + index as u32;
+        let known = self.find_behind(
+            |b| matches!(b, Behind::Dispatcher(d) if d.method == method && d.interface == interface),
+        );
+        if let Some(number) = known {
+            return number;
         }
         let shape = self.shape(method);
         let site = self.site(SiteKind::NullReference, caller, span);
@@ -92,15 +90,14 @@ impl State<'_> {
                 copies: self.copies(target, method),
             })
             .collect();
-        self.dispatchers.push(Dispatcher {
+        self.push_behind(Behind::Dispatcher(Dispatcher {
             method,
             interface,
             params: shape.params,
             results: shape.results,
             targets,
             site,
-        });
-        first + self.dispatchers.len() as u32 - 1
+        }))
     }
 
     /// Results that lie in memory go from the method that ran to where the caller looks for them.
@@ -137,13 +134,7 @@ impl State<'_> {
 impl Dispatcher {
     pub fn encode(&self, import_count: u32) -> Function {
         let mut f = Function::new([]);
-        let call = |n: u32| {
-            if n >= IMPORT_BASE {
-                I::Call(n - IMPORT_BASE)
-            } else {
-                I::Call(n + import_count)
-            }
-        };
+        let call = |n: u32| linked(&I::Call(n), import_count);
         for target in &self.targets {
             f.instruction(&I::LocalGet(0));
             f.instruction(&I::I32Load(MemArg {

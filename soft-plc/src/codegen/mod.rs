@@ -18,6 +18,7 @@ mod index;
 mod inline;
 mod known;
 mod loops;
+mod math;
 mod place;
 mod pointer;
 mod pointer_helper;
@@ -142,6 +143,14 @@ pub fn compile(project: &TypedProject, spec: &CompileSpec) -> Result<CompiledMc,
     Ok(state.assemble(&functions, needed))
 }
 
+const REAL_64: &[ValType] = &[ValType::F64];
+
+/// A function that is made because another calls it.
+enum Behind {
+    Dispatcher(dispatch::Dispatcher),
+    Formula(math::Formula),
+}
+
 /// What all functions share while they are compiled.
 struct State<'p> {
     project: &'p TypedProject,
@@ -167,7 +176,8 @@ struct State<'p> {
     passed_texts: [u32; 2],
     /// Constants that code reads from memory.
     constants: BTreeMap<Vec<u8>, u32>,
-    dispatchers: Vec<dispatch::Dispatcher>,
+    /// Functions of the module's own that stand behind those of the POUs.
+    behind: Vec<Behind>,
     /// POINTER TO of CODESYS is used: helpers for it stand behind the others.
     pointers: bool,
     /// Variables of calls whose address is taken: they live in memory.
@@ -210,7 +220,7 @@ impl<'p> State<'p> {
                 hold::passed_texts(project)
             },
             constants: BTreeMap::new(),
-            dispatchers: Vec::new(),
+            behind: Vec::new(),
             pointers,
             addressed: pointer::addressed(project, pointers),
             reach: pointer_helper::Reach::default(),
@@ -253,6 +263,34 @@ impl<'p> State<'p> {
             self.imports.len() - 1
         });
         IMPORT_BASE + index as u32
+    }
+
+    /// Number of the function behind the POUs that `is` accepts, if there is one.
+    fn find_behind(&self, is: impl Fn(&Behind) -> bool) -> Option<u32> {
+        let index = self.behind.iter().position(is)?;
+        Some(self.first_behind() + index as u32)
+    }
+
+    fn push_behind(&mut self, function: Behind) -> u32 {
+        self.behind.push(function);
+        self.first_behind() + self.behind.len() as u32 - 1
+    }
+
+    fn first_behind(&self) -> u32 {
+        helpers(self.pointers) + self.order.len() as u32
+    }
+
+    /// Number of a mathematical function: our own where there is one, else the imported.
+    fn real_function(&mut self, name: &'static str, params: &[ValType], result: ValType) -> u32 {
+        let known = self.find_behind(|b| matches!(b, Behind::Formula(f) if f.name() == name));
+        if let Some(number) = known {
+            return number;
+        }
+        let import = self.import(name, params, &[result]);
+        match math::Formula::of(name, import) {
+            Some(formula) => self.push_behind(Behind::Formula(formula)),
+            None => import,
+        }
     }
 
     /// The number of a trap site. What is written out several times has one.
@@ -313,13 +351,16 @@ impl<'p> State<'p> {
             code.function(&body);
             code_map.functions.push(map);
         }
-        for dispatcher in &self.dispatchers {
+        for function in &self.behind {
             function_section.function(types.len());
-            types.ty().function(
-                dispatcher.params.iter().copied(),
-                dispatcher.results.iter().copied(),
-            );
-            code.function(&dispatcher.encode(import_count));
+            let (params, results, body) = match function {
+                Behind::Dispatcher(d) => (&*d.params, &*d.results, d.encode(import_count)),
+                Behind::Formula(f) => (REAL_64, REAL_64, f.encode(import_count)),
+            };
+            types
+                .ty()
+                .function(params.iter().copied(), results.iter().copied());
+            code.function(&body);
         }
         let mut memory = MemorySection::new();
         let pages = needed.div_ceil(PAGE_BYTES).max(1);
@@ -386,17 +427,7 @@ impl<'p> State<'p> {
         let mut offsets = Vec::with_capacity(function.code.len() + 1);
         for instruction in &function.code {
             offsets.push(body.byte_len() as u32);
-            match instruction {
-                Instruction::Call(n) if *n >= IMPORT_BASE => {
-                    body.instruction(&Instruction::Call(n - IMPORT_BASE));
-                }
-                Instruction::Call(n) => {
-                    body.instruction(&Instruction::Call(n + import_count));
-                }
-                other => {
-                    body.instruction(other);
-                }
-            }
+            body.instruction(&linked(instruction, import_count));
         }
         offsets.push(body.byte_len() as u32);
         map.lines = function
@@ -424,6 +455,15 @@ impl<'p> State<'p> {
 /// How many helpers stand before the functions of the POUs.
 fn helpers(pointers: bool) -> u32 {
     helper::COUNT + if pointers { pointer_helper::COUNT } else { 0 }
+}
+
+/// The instruction with the number that the called function has in the module: imports come first.
+fn linked(instruction: &Instruction<'static>, import_count: u32) -> Instruction<'static> {
+    match instruction {
+        Instruction::Call(n) if *n >= IMPORT_BASE => Instruction::Call(n - IMPORT_BASE),
+        Instruction::Call(n) => Instruction::Call(n + import_count),
+        other => other.clone(),
+    }
 }
 
 /// The parts of `bytes` that are not zero; short gaps stay inside a run.

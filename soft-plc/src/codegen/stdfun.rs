@@ -149,7 +149,7 @@ impl Fun<'_, '_> {
         };
         let ty = val(elem);
         let params = vec![ty; args.len()];
-        let number = self.m.import(name, &params, &[ty]);
+        let number = self.m.real_function(name, &params, ty);
         self.i(I::Call(number));
     }
 

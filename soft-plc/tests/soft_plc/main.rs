@@ -24,6 +24,7 @@ mod plcopen;
 mod pointers;
 mod properties;
 mod random_expressions;
+mod real_functions;
 mod recursion;
 mod regions;
 mod runtime;
