@@ -399,6 +399,25 @@ pub struct Place {
     pub span: Span,
 }
 
+impl Place {
+    /// Whether both are the same variable, wherever indices and references lead.
+    pub fn is_surely(&self, other: &Self) -> bool {
+        let same_root = match (&self.root, &other.root) {
+            (Root::Var(a), Root::Var(b)) => a == b,
+            (Root::This, Root::This) => true,
+            _ => false,
+        };
+        let same_step = |(a, b): (&Step, &Step)| match (&a.kind, &b.kind) {
+            (StepKind::Field(a, _), StepKind::Field(b, _)) => a == b,
+            (StepKind::Member(a), StepKind::Member(b)) => a == b,
+            _ => false,
+        };
+        same_root
+            && self.steps.len() == other.steps.len()
+            && self.steps.iter().zip(&other.steps).all(same_step)
+    }
+}
+
 #[derive(Clone, Debug)]
 pub enum Root {
     /// A variable of the POU itself, of a program, or a global one; its declaration says which.

@@ -7,6 +7,7 @@ use wasm_encoder::{BlockType, Instruction as I, MemArg, ValType};
 use super::hold::Held;
 use super::inline::Instance;
 use super::known::Known;
+use super::loops::Round;
 use super::{SiteKind, State};
 use crate::check::tree::{InitValue, PouId, VarId};
 use crate::memory::{Filler, MEMORY_BYTES_MAX, is_kept};
@@ -72,6 +73,8 @@ pub struct Fun<'m, 'p> {
     pub depth: u32,
     /// Depth of the block that EXIT leaves and of the one that CONTINUE goes to, innermost last.
     pub labels: Vec<(u32, u32)>,
+    /// The end of the round of which the next statement, a CASE, is the last.
+    pub round: Option<Round>,
     /// Variables in locals while the outermost loop runs.
     pub held: Vec<Held>,
     /// Depth of the blocks that RETURN leaves, and whether variables were held when they were opened.
@@ -188,6 +191,7 @@ impl<'m, 'p> Fun<'m, 'p> {
             hints: Vec::new(),
             depth: 0,
             labels: Vec::new(),
+            round: None,
             held: Vec::new(),
             returns: Vec::new(),
             ranges: BTreeMap::new(),

@@ -11,8 +11,10 @@ const COMPARE: u32 = 3;
 const FIND: u32 = 5;
 /// `(destination, source, bytes)`: copies few bytes without the call that `memory.copy` is; the areas may overlap.
 pub const MOVE: u32 = 7;
+/// `(destination, bytes)`: sets few bytes to 0 without the call that `memory.fill` is.
+const CLEAR: u32 = 8;
 /// How many there are.
-pub const COUNT: u32 = 8;
+pub const COUNT: u32 = 9;
 
 /// `(destination, capacity, source, length)`: stores a string, cut to its capacity; what is left of a longer one becomes 0.
 pub fn assign(wide: bool) -> u32 {
@@ -47,7 +49,7 @@ pub fn all(imports: u32, ended: bool) -> Vec<Helper> {
         list.push(Helper {
             params: four(),
             results: Vec::new(),
-            code: assign_function(wide, imports + MOVE, ended),
+            code: assign_function(wide, imports, ended),
         });
     }
     for wide in [false, true] {
@@ -68,6 +70,11 @@ pub fn all(imports: u32, ended: bool) -> Vec<Helper> {
         params: vec![ValType::I32; 3],
         results: Vec::new(),
         code: move_function(),
+    });
+    list.push(Helper {
+        params: vec![ValType::I32; 2],
+        results: Vec::new(),
+        code: clear_function(),
     });
     list
 }
@@ -114,7 +121,7 @@ fn bytes(local: u32, wide: bool, code: &mut Vec<I<'static>>) {
     }
 }
 
-fn assign_function(wide: bool, mover: u32, ended: bool) -> Function {
+fn assign_function(wide: bool, imports: u32, ended: bool) -> Function {
     // 0 destination, 1 capacity, 2 source, 3 length, 4 length before
     let mut c = vec![
         I::LocalGet(3),
@@ -133,7 +140,7 @@ fn assign_function(wide: bool, mover: u32, ended: bool) -> Function {
         I::LocalGet(2),
     ];
     bytes(3, wide, &mut c);
-    c.push(I::Call(mover));
+    c.push(I::Call(imports + MOVE));
     c.extend([
         I::LocalGet(4),
         I::LocalGet(3),
@@ -144,18 +151,12 @@ fn assign_function(wide: bool, mover: u32, ended: bool) -> Function {
         I::I32Add,
     ]);
     bytes(3, wide, &mut c);
-    c.extend([
-        I::I32Add,
-        I::I32Const(0),
-        I::LocalGet(4),
-        I::LocalGet(3),
-        I::I32Sub,
-    ]);
+    c.extend([I::I32Add, I::LocalGet(4), I::LocalGet(3), I::I32Sub]);
     if wide {
         c.extend([I::I32Const(1), I::I32Shl]);
     }
     c.extend([
-        I::MemoryFill(0),
+        I::Call(imports + CLEAR),
         I::End,
         I::LocalGet(0),
         I::LocalGet(3),
@@ -174,52 +175,122 @@ fn assign_function(wide: bool, mover: u32, ended: bool) -> Function {
     function(1, c)
 }
 
-fn move_function() -> Function {
-    // 0 destination, 1 source, 2 bytes. Everything is read before anything is written, so that the areas may overlap.
-    let mut c = vec![
-        I::LocalGet(2),
-        I::I32Const(16),
-        I::I32GtU,
-        I::If(BlockType::Empty),
-        I::LocalGet(0),
-        I::LocalGet(1),
-        I::LocalGet(2),
-        I::MemoryCopy {
-            src_mem: 0,
-            dst_mem: 0,
-        },
-        I::Return,
-        I::End,
-    ];
-    // Two words that overlap: the first bytes and the last ones.
-    for (width, load, store) in [
-        (8, I::I64Load(at(0, 0)), I::I64Store(at(0, 0))),
-        (4, I::I32Load(at(0, 0)), I::I32Store(at(0, 0))),
-        (2, I::I32Load16U(at(0, 0)), I::I32Store16(at(0, 0))),
-        (1, I::I32Load8U(at(0, 0)), I::I32Store8(at(0, 0))),
-    ] {
-        let last = |base: u32| {
-            [
-                I::LocalGet(base),
-                I::LocalGet(2),
-                I::I32Add,
-                I::I32Const(width),
-                I::I32Sub,
-            ]
-        };
-        c.extend([
-            I::LocalGet(2),
-            I::I32Const(width),
-            I::I32GeU,
-            I::If(BlockType::Empty),
-        ]);
-        c.push(I::LocalGet(0));
-        c.extend([I::LocalGet(1), load.clone()]);
-        c.extend(last(0));
-        c.extend(last(1));
-        c.extend([load, store.clone(), store, I::Return, I::End]);
+/// More bytes than that are left to the instruction of Wasm.
+const FEW: i32 = 64;
+
+/// Sizes from which on so many words of so many bytes at either end cover all that is to be written; they overlap in the middle.
+const COVERS: [(i32, i32, i32); 6] = [
+    (33, 16, 2),
+    (16, 16, 1),
+    (8, 8, 1),
+    (4, 4, 1),
+    (2, 2, 1),
+    (1, 1, 1),
+];
+
+/// Offsets of the words from the first byte, and before the end.
+fn words(width: i32, each: i32) -> impl Iterator<Item = (bool, i32)> {
+    let first = (0..each).map(move |n| (false, n * width));
+    let last = (1..=each).map(move |n| (true, n * width));
+    first.chain(last)
+}
+
+/// Pushes the address of a word of the area at `base`, which has `bytes` bytes.
+fn word_at(base: u32, bytes: u32, (from_end, distance): (bool, i32)) -> Vec<I<'static>> {
+    let mut code = vec![I::LocalGet(base)];
+    if from_end {
+        code.extend([I::LocalGet(bytes), I::I32Add]);
+        code.extend([I::I32Const(distance), I::I32Sub]);
+    } else if distance > 0 {
+        code.extend([I::I32Const(distance), I::I32Add]);
     }
-    function(0, c)
+    code
+}
+
+fn load(width: i32) -> I<'static> {
+    match width {
+        16 => I::V128Load(at(0, 0)),
+        8 => I::I64Load(at(0, 0)),
+        4 => I::I32Load(at(0, 0)),
+        2 => I::I32Load16U(at(0, 0)),
+        _ => I::I32Load8U(at(0, 0)),
+    }
+}
+
+fn store(width: i32) -> I<'static> {
+    match width {
+        16 => I::V128Store(at(0, 0)),
+        8 => I::I64Store(at(0, 0)),
+        4 => I::I32Store(at(0, 0)),
+        2 => I::I32Store16(at(0, 0)),
+        _ => I::I32Store8(at(0, 0)),
+    }
+}
+
+/// `many` for more than a few bytes, else what `cover` makes of the words that cover them.
+fn by_size(
+    bytes: u32,
+    many: Vec<I<'static>>,
+    cover: impl Fn(i32, i32) -> Vec<I<'static>>,
+) -> Vec<I<'static>> {
+    let begin = |limit: i32, compare: I<'static>| {
+        let size = [I::LocalGet(bytes), I::I32Const(limit), compare];
+        [size.as_slice(), &[I::If(BlockType::Empty)]].concat()
+    };
+    let mut code = begin(FEW, I::I32GtU);
+    code.extend(many);
+    code.extend([I::Return, I::End]);
+    for (least, width, each) in COVERS {
+        code.extend(begin(least, I::I32GeU));
+        code.extend(cover(width, each));
+        code.extend([I::Return, I::End]);
+    }
+    code
+}
+
+fn move_function() -> Function {
+    // 0 destination, 1 source, 2 bytes
+    let copy = I::MemoryCopy {
+        src_mem: 0,
+        dst_mem: 0,
+    };
+    let many = vec![I::LocalGet(0), I::LocalGet(1), I::LocalGet(2), copy];
+    let code = by_size(2, many, |width, each| {
+        // Everything is read before anything is written, so that the areas may overlap.
+        let mut code = Vec::new();
+        for word in words(width, each) {
+            code.extend(word_at(0, 2, word));
+            code.extend(word_at(1, 2, word));
+            code.push(load(width));
+        }
+        code.extend(words(width, each).map(|_| store(width)));
+        code
+    });
+    function(0, code)
+}
+
+fn clear_function() -> Function {
+    // 0 destination, 1 bytes
+    let many = vec![
+        I::LocalGet(0),
+        I::I32Const(0),
+        I::LocalGet(1),
+        I::MemoryFill(0),
+    ];
+    let code = by_size(1, many, |width, each| {
+        let mut code = Vec::new();
+        for word in words(width, each) {
+            code.extend(word_at(0, 1, word));
+            code.push(match width {
+                16 => I::V128Const(0),
+                8 => I::I64Const(0),
+                _ => I::I32Const(0),
+            });
+            code.push(store(width));
+        }
+        code
+    });
+    function(0, code)
 }
 
 /// Pushes the character at `base + index`.

@@ -41,7 +41,47 @@ impl Course {
     }
 }
 
+/// The end of each round of a counted loop.
+#[derive(Clone)]
+pub struct Round {
+    var: Place,
+    by: Value,
+    /// The value with which no more round begins.
+    bound: Value,
+    upwards: bool,
+    /// Depths of the blocks: where the next round begins, and behind the loop.
+    top: u32,
+    exit: u32,
+}
+
 impl Fun<'_, '_> {
+    fn advance(&mut self, round: &Round) {
+        let elem = self.elem(round.var.ty);
+        self.store(&round.var, |f| {
+            f.load(&round.var);
+            f.constant(round.by, elem);
+            f.i(simple(BinOp::Add, elem));
+        });
+    }
+
+    /// Takes the step; goes to the next round, if there is one.
+    fn end_round(&mut self, round: &Round) {
+        let elem = self.elem(round.var.ty);
+        self.advance(round);
+        self.load(&round.var);
+        self.constant(round.bound, elem);
+        let before = if round.upwards { BinOp::Lt } else { BinOp::Gt };
+        self.i(simple(before, elem));
+        self.i(I::BrIf(self.label(round.top)));
+    }
+
+    /// The same at the end of a branch of CASE, which goes on nowhere else. Machines foresee best what such branches do if each has
+    /// a jump of its own.
+    pub fn end_branch_of(&mut self, round: &Round) {
+        self.end_round(round);
+        self.i(I::Br(self.label(round.exit)));
+    }
+
     pub fn while_loop(&mut self, condition: &Expr, body: &[Stmt], span: Span) {
         let outermost = self.watching();
         let start = self.code.len();
@@ -205,41 +245,39 @@ impl Fun<'_, '_> {
             }
             // Who leaves early needs the variable as it is.
             let id = whole_var(&data.var).filter(|_| !leaves(&data.body));
-            let advance = |f: &mut Self, by: i128| {
-                f.store(&data.var, |f| {
-                    f.load(&data.var);
-                    number(f, by);
-                    f.i(simple(BinOp::Add, elem));
-                });
+            let together = if id.is_some() { per_round } else { 1 };
+            let round = Round {
+                var: data.var.clone(),
+                by: Value::from_i128(elem, together * course.by),
+                bound: Value::from_i128(elem, course.value(rounds * per_round)),
+                upwards: course.by > 0,
+                top,
+                exit,
             };
             let last = course.value((rounds - 1) * per_round);
             for n in 0..per_round {
                 let by = n * course.by;
                 let (one, other) = (course.from + by, last + by);
-                if let Some(id) = id.filter(|_| n > 0) {
-                    self.ahead.insert(id, by);
+                if n > 0 {
+                    match id {
+                        Some(id) => drop(self.ahead.insert(id, by)),
+                        None => self.advance(&round),
+                    }
                 }
-                self.step(data, (one.min(other), one.max(other)), exit);
-                if id.is_none() {
-                    advance(self, course.by);
-                }
+                let end = (per_round == 1).then_some(&round);
+                self.step(data, (one.min(other), one.max(other)), exit, end);
             }
             if let Some(id) = id {
                 self.ahead.remove(&id);
-                advance(self, per_round * course.by);
             }
-            self.load(&data.var);
-            number(self, course.value(rounds * per_round));
-            let before = if course.by > 0 { BinOp::Lt } else { BinOp::Gt };
-            self.i(simple(before, elem));
-            self.i(I::BrIf(self.label(top)));
+            self.end_round(&round);
             self.close();
             self.watched(outermost);
             self.known.meet(&stable);
         }
         for n in written_out..course.steps {
             let value = course.value(n);
-            self.step(data, (value, value), exit);
+            self.step(data, (value, value), exit, None);
             self.store(&data.var, |f| number(f, course.value(n + 1)));
         }
         self.close();
@@ -281,15 +319,20 @@ impl Fun<'_, '_> {
         nodes
     }
 
-    /// The body once, with the variable in this range.
-    fn step(&mut self, data: &For, range: (i128, i128), exit: u32) {
+    /// The body once, with the variable in this range. Branches of a CASE at its end may end the round on their own.
+    fn step(&mut self, data: &For, range: (i128, i128), exit: u32, end: Option<&Round>) {
         self.check_counter(data);
         let stable = self.known.valid.clone();
         let next = self.open(I::Block(BlockType::Empty));
         self.labels.push((exit, next));
         let id = whole_var(&data.var);
         let outer = id.and_then(|id| self.ranges.insert(id, range));
-        self.stmts(&data.body);
+        if let Some((last, before)) = data.body.split_last() {
+            self.stmts(before);
+            let is_case = matches!(last.kind, StmtKind::Case { .. });
+            self.round = end.filter(|_| is_case).cloned();
+            self.stmts(std::slice::from_ref(last));
+        }
         if let Some(id) = id {
             match outer {
                 Some(outer) => self.ranges.insert(id, outer),

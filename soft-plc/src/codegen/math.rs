@@ -8,6 +8,11 @@
 //! > Developed at SunPro, a Sun Microsystems, Inc. business. Permission to use, copy, modify, and distribute this software is
 //! > freely granted, provided that this notice is preserved.
 
+#![expect(
+    clippy::excessive_precision,
+    reason = "the coefficients stand as msun has them"
+)]
+
 use std::ops::{Add, Div, Mul, Sub};
 
 use wasm_encoder::{BlockType, Function, Instruction as I, ValType};
@@ -165,7 +170,7 @@ fn polynomial(z: u32, c: &[f64]) -> Real {
 }
 
 /// Up to here sine and cosine need no reduction; a little less than pi/4.
-const QUARTER: f64 = 0.7853;
+const QUARTER: f64 = std::f64::consts::FRAC_PI_4 - 1e-4;
 
 const S1: f64 = -1.666_666_666_666_663_243_48e-1;
 const S: [f64; 5] = [

@@ -7,6 +7,7 @@ use wasm_encoder::{BlockType, Instruction as I, ValType};
 use super::expr::simple;
 use super::fun::{Fun, val};
 use super::known::Valid;
+use super::loops::Round;
 use crate::check::tree::{Branch, Expr, ExprKind, Place, Stmt, StmtKind};
 use crate::diag::Problem;
 use crate::source::Span;
@@ -181,6 +182,7 @@ impl Fun<'_, '_> {
     }
 
     fn case(&mut self, selector: &Expr, branches: &[Branch], otherwise: &[Stmt]) {
+        let round = self.round.take();
         let elem = self.elem(selector.ty);
         let local = self.spill(selector);
         let all: Vec<(i64, i64)> = branches.iter().flat_map(|b| b.0.iter().copied()).collect();
@@ -192,7 +194,7 @@ impl Fun<'_, '_> {
             && span <= TABLE_SPAN_MAX
             && span <= 8 * all.len() as i64 + 16;
         if use_table {
-            self.case_table(local, min, span, branches, otherwise);
+            self.case_table(local, (min, span), branches, otherwise, round.as_ref());
         } else if TREE_RANGES.contains(&all.len())
             && are_apart(&all)
             // The upper half of ULINT and LWORD is written as negative numbers here, which stand in another order.
@@ -208,10 +210,10 @@ impl Fun<'_, '_> {
     fn case_table(
         &mut self,
         local: u32,
-        min: i64,
-        span: i64,
+        (min, span): (i64, i64),
         branches: &[Branch],
         otherwise: &[Stmt],
+        round: Option<&Round>,
     ) {
         let count = branches.len() as u32;
         let mut table = vec![count; span as usize];
@@ -229,7 +231,7 @@ impl Fun<'_, '_> {
             self.i(I::I32Sub);
         }
         self.i(I::BrTable(Cow::Owned(table), count));
-        self.close_branches(exit, branches, otherwise);
+        self.close_branches(exit, branches, otherwise, round);
     }
 
     /// Opens a block for the whole CASE, one for ELSE, and one for each branch: the first is the innermost.
@@ -242,12 +244,23 @@ impl Fun<'_, '_> {
     }
 
     /// Closes the blocks; the statements of each branch stand behind its own.
-    fn close_branches(&mut self, exit: u32, branches: &[Branch], otherwise: &[Stmt]) {
+    fn close_branches(
+        &mut self,
+        exit: u32,
+        branches: &[Branch],
+        otherwise: &[Stmt],
+        round: Option<&Round>,
+    ) {
         let before = self.known.valid.clone();
         let mut ends = Vec::new();
         for (_, body) in branches {
             self.close();
             self.stmts(body);
+            if let Some(round) = round {
+                self.end_branch_of(round);
+                self.known.valid.clone_from(&before);
+                continue;
+            }
             ends.push(std::mem::replace(&mut self.known.valid, before.clone()));
             self.i(I::Br(self.label(exit)));
         }
@@ -276,7 +289,7 @@ impl Fun<'_, '_> {
             innermost - branches.len() as u32,
             limits,
         );
-        self.close_branches(exit, branches, otherwise);
+        self.close_branches(exit, branches, otherwise, None);
     }
 
     /// Pushes whether the value lies in a range of CASE.

@@ -147,10 +147,77 @@ impl Fun<'_, '_> {
     /// `place := value`, cut to the length of the place.
     pub fn assign_text(&mut self, place: &Place, value: &Expr) {
         let wide = self.is_wide(value);
+        if let Some(more) = self.appended(place, value) {
+            return self.append(place, more, wide);
+        }
         self.push_full_address(place);
         self.push_capacity(place);
         self.text(value);
         self.i(I::Call(helper::assign(wide)));
+    }
+
+    /// What `place := CONCAT(place, ...)` puts behind that which is there.
+    fn appended<'e>(&self, place: &Place, value: &'e Expr) -> Option<&'e [Expr]> {
+        let ExprKind::Std(StdFun::Concat, args) = &value.kind else {
+            return None;
+        };
+        let (first, more) = args.split_first()?;
+        let in_place = matches!(&first.kind, ExprKind::Load(p) if p.is_surely(place));
+        // With pointers strings may overlap, and have a 0 behind them.
+        (in_place && !self.m.pointers && !more.iter().any(calls)).then_some(more)
+    }
+
+    /// Appends to a string, cut to its capacity. Views of the string itself stay as they are: only what is behind it is written.
+    fn append(&mut self, place: &Place, more: &[Expr], wide: bool) {
+        let (base, len, room) = (
+            self.temp(ValType::I32),
+            self.temp(ValType::I32),
+            self.temp(ValType::I32),
+        );
+        let pieces = self.views(more, &[]);
+        self.reads = true;
+        self.push_full_address(place);
+        self.i(I::LocalTee(base));
+        self.i(I::I32Load(mem(0, 2)));
+        self.i(I::LocalSet(len));
+        for piece in pieces {
+            self.push_capacity(place);
+            self.i(I::LocalGet(len));
+            self.i(I::I32Sub);
+            self.i(I::LocalSet(room));
+            self.lesser(piece.len, room);
+            self.i(I::LocalGet(base));
+            self.i(I::LocalGet(len));
+            self.scale_units(wide);
+            self.i(I::I32Add);
+            self.i(I::I32Const(TEXT_HEADER as i32));
+            self.i(I::I32Add);
+            self.i(I::LocalGet(piece.ptr));
+            self.i(I::LocalGet(room));
+            self.scale_units(wide);
+            self.i(I::Call(helper::MOVE));
+            self.i(I::LocalGet(len));
+            self.i(I::LocalGet(room));
+            self.i(I::I32Add);
+            self.i(I::LocalSet(len));
+            self.drop_view(piece);
+        }
+        self.i(I::LocalGet(base));
+        self.i(I::LocalGet(len));
+        self.i(I::I32Store(mem(0, 2)));
+        for local in [room, len, base] {
+            self.release(local);
+        }
+    }
+
+    /// Sets `limit` to `value` if that is less.
+    fn lesser(&mut self, value: u32, limit: u32) {
+        for local in [value, limit, value, limit] {
+            self.i(I::LocalGet(local));
+        }
+        self.i(I::I32LtU);
+        self.i(I::Select);
+        self.i(I::LocalSet(limit));
     }
 
     /// Stores the string at the address that `source` pushes into the place.
@@ -466,13 +533,8 @@ impl Fun<'_, '_> {
             self.i(I::I32Const(most as i32));
             self.i(I::LocalGet(total));
             self.i(I::I32Sub);
-            self.i(I::LocalTee(room));
-            self.i(I::LocalGet(piece.len));
-            self.i(I::LocalGet(room));
-            self.i(I::LocalGet(piece.len));
-            self.i(I::I32LtU);
-            self.i(I::Select);
             self.i(I::LocalSet(room));
+            self.lesser(piece.len, room);
             self.i(I::I32Const(at as i32));
             self.i(I::LocalGet(total));
             self.scale_units(wide);

@@ -84,7 +84,11 @@ impl World {
             Ty::Array(..) => "assignment of an array",
             _ => "assignment of a reference",
         });
-        let value = self.expr(scope, &leaf.ty, 3);
+        let mut value = self.expr(scope, &leaf.ty, 3);
+        if matches!(leaf.ty, Ty::Str(..)) && self.random.chance(25) {
+            self.note("string made longer");
+            value = format!("CONCAT({text}, {value}, {text})");
+        }
         out.push(Piece::line(format!("{text} := {value};")));
     }
 
@@ -309,8 +313,28 @@ impl World {
                     )));
                 }
             }
+            if g.random.chance(15) {
+                body.push(g.long_case(scope, &name, t));
+            }
             body
         });
+    }
+
+    /// A CASE with a branch for each of many values.
+    fn long_case(&mut self, scope: &mut Scope, counter: &str, t: Elem) -> Piece {
+        self.note("long CASE at the end of a loop");
+        let values = self.random.within(7, 12);
+        let branches = (0..values).map(|value| {
+            let body = self.stmts(scope, 1, 0);
+            Piece::block(format!("{value}:"), body, "")
+        });
+        let mut branches: Vec<Piece> = branches.collect();
+        if self.random.chance(50) {
+            let body = self.stmts(scope, 1, 0);
+            branches.push(Piece::block("ELSE", body, ""));
+        }
+        let selector = format!("{counter} MOD {t}#{}", values + 1);
+        Piece::block(format!("CASE {selector} OF"), branches, "END_CASE;")
     }
 
     /// A FOR loop over a counter that its body can read.
