@@ -42,9 +42,17 @@ pub fn diagnose(files: &[SourceFile], options: CheckOptions) -> Vec<Diagnostic> 
             }
         }
     }
-    let mut seen = Vec::new();
+    let mut seen: Vec<Diagnostic> = Vec::new();
     for diagnostic in all {
-        if !seen.contains(&diagnostic) {
+        // A program that runs several times is read several times, under other names.
+        let is_known = seen.iter().any(|d| {
+            let pou = d.pou.clone();
+            *d == Diagnostic {
+                pou,
+                ..diagnostic.clone()
+            }
+        });
+        if !is_known {
             seen.push(diagnostic);
         }
     }

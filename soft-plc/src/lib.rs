@@ -9,6 +9,7 @@ pub mod codegen;
 pub mod diag;
 mod diagnose;
 pub mod image;
+pub mod instances;
 pub mod layout;
 pub mod memory;
 pub mod plain;

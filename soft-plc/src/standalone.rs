@@ -7,6 +7,7 @@
 use crate::check::{CheckOptions, check};
 use crate::codegen::{CompiledMc, compile};
 use crate::diag::{Diagnostic, Problem, Severity, finish_all};
+use crate::instances::own_programs;
 use crate::layout::CompileSpec;
 use crate::project::parse_project;
 use crate::source::{SourceFile, Span};
@@ -93,6 +94,7 @@ fn add_entry(project: &mut Project, only: Option<&str>) -> Result<i64, Vec<Diagn
             _ => return Err(no_program(project, Some(name))),
         }
     } else {
+        own_programs(project);
         let resources: Vec<(Vec<Task>, Vec<ProgramInstance>)> = project
             .configurations
             .iter()
@@ -107,9 +109,8 @@ fn add_entry(project: &mut Project, only: Option<&str>) -> Result<i64, Vec<Diagn
                 .filter_map(|t| t.interval_ns.filter(|ns| *ns > 0))
                 .min();
             cycle_ns = fastest.unwrap_or(CYCLE_DEFAULT_NS);
-            let mut used: Vec<String> = Vec::new();
             for (tasks, instances) in &resources {
-                entry.resource(project, tasks, instances, cycle_ns, &mut used)?;
+                entry.resource(project, tasks, instances, cycle_ns)?;
             }
         } else {
             let programs: Vec<String> = project
@@ -269,11 +270,10 @@ impl Entry {
 
     fn resource(
         &mut self,
-        project: &mut Project,
+        project: &Project,
         tasks: &[Task],
         instances: &[ProgramInstance],
         cycle_ns: i64,
-        used: &mut Vec<String>,
     ) -> Result<(), Vec<Diagnostic>> {
         let at = self.at;
         let mut order: Vec<Option<&Task>> = tasks.iter().map(Some).collect();
@@ -290,9 +290,14 @@ impl Entry {
                     (None, Some(_)) => false,
                 };
                 if own {
-                    let name = place_instance(project, instance, used)?;
+                    let is_it = |p: &&Pou| {
+                        p.kind == PouKind::Program && same(&p.name.name, &instance.program)
+                    };
+                    let Some(program) = project.pous.iter().find(is_it) else {
+                        return Err(no_program(project, Some(&instance.program)));
+                    };
                     let at = At(instance.span);
-                    calls.push(Self::call(at, &name, &instance.connections)?);
+                    calls.push(Self::call(at, &program.name.name, &instance.connections)?);
                 }
             }
             if calls.is_empty() {
@@ -328,35 +333,6 @@ impl Entry {
         }
         Ok(())
     }
-}
-
-/// The name under which an instance runs: that of its program, or for a further instance of it a copy under its own name.
-fn place_instance(
-    project: &mut Project,
-    instance: &ProgramInstance,
-    used: &mut Vec<String>,
-) -> Result<String, Vec<Diagnostic>> {
-    let found = project
-        .pous
-        .iter()
-        .find(|p| p.kind == PouKind::Program && same(&p.name.name, &instance.program))
-        .cloned();
-    let Some(mut pou) = found else {
-        return Err(no_program(project, Some(&instance.program)));
-    };
-    let name = pou.name.name.clone();
-    if !used.iter().any(|u| same(u, &name)) {
-        used.push(name.clone());
-        return Ok(name);
-    }
-    let mut own = instance.name.clone();
-    while project.pous.iter().any(|p| same(&p.name.name, &own)) {
-        own.push('_');
-    }
-    pou.name.name.clone_from(&own);
-    used.push(own.clone());
-    project.pous.push(pou);
-    Ok(own)
 }
 
 /// The expression with all spans at one place: its own text is not among the sources.

@@ -1,16 +1,17 @@
-//! VAR_CONFIG: where the variables stand that were declared with `AT %I*` or `AT %Q*` (IEC 61131-3, clause 6.8.1).
+//! VAR_CONFIG: where the variables stand that were declared with `AT %I*` or `AT %Q*`, and initial values of single instances
+//! (IEC 61131-3, clause 6.8.1).
 //!
 //! One of a program is located as if it had been declared so. One inside a function block instance stays where the instance
 //! is: the program gets a located variable of its own beside it, named by its path (`feeder__ready` for `feeder.ready`, a name
 //! that no text can have), and copies it in before its statements, or out behind them.
 
 use crate::check::tree::{
-    Expr, ExprKind, Place, PouId, Root, Step, StepKind, Stmt, StmtKind, Var, VarId,
+    Expr, ExprKind, InitValue, Place, PouId, Root, Step, StepKind, Stmt, StmtKind, Var, VarId,
 };
 use crate::check::{Checker, key};
 use crate::diag::{Fallible, Problem};
 use crate::syntax::ast::{self, PouKind, VarSection};
-use crate::types::TypeKind;
+use crate::types::{TypeId, TypeKind};
 
 /// A variable of a function block instance that VAR_CONFIG places.
 #[derive(Clone, Debug)]
@@ -88,11 +89,54 @@ impl<'p> Checker<'p> {
             place = Some(inner);
         }
         let inside = self.step(within, place, variable, path)?;
+        let ty = self.resolve_spec(&configured.spec, None);
+        if ty != TypeId::ERROR && inside.ty != TypeId::ERROR && !self.types.same(ty, inside.ty) {
+            let (is, said) = (self.type_name(inside.ty), self.type_name(ty));
+            let message = format!(
+                "`{}` is {is}, and VAR_CONFIG calls it {said}",
+                variable.name
+            );
+            return Err(Box::new(Problem::error(
+                "E228",
+                configured.spec.span,
+                message,
+            )));
+        }
         if instances.is_empty() {
-            // Located when it was declared.
+            // Located and given its value when it was declared.
+            return Ok(());
+        }
+        self.begin_inside(configured, &inside);
+        let is_open = inside.steps.last().is_some_and(|s| match s.kind {
+            StepKind::Member(var) => self.var(var).open_input || self.var(var).open_output,
+            _ => false,
+        });
+        if configured.location.is_none() && configured.init.is_some() && !is_open {
             return Ok(());
         }
         self.place_inside(program, configured, inside)
+    }
+
+    /// The initial value of a variable of an instance becomes one of the program's variable that the instance is in.
+    fn begin_inside(&mut self, configured: &'p ast::Configured, inside: &Place) {
+        let Root::Var(root) = inside.root else { return };
+        let Some(init) = &configured.init else { return };
+        let Some(mut value) = self.init_value(init, inside.ty) else {
+            return;
+        };
+        for step in inside.steps.iter().rev() {
+            if let StepKind::Member(var) = step.kind {
+                value = InitValue::Instance(vec![(var, value)]);
+            }
+        }
+        let InitValue::Instance(more) = value else {
+            return;
+        };
+        // What comes later counts.
+        match &mut self.vars[root.0 as usize].init {
+            Some(InitValue::Instance(items)) => items.extend(more),
+            none => *none = Some(InitValue::Instance(more)),
+        }
     }
 
     /// One part further along a path.
@@ -146,9 +190,9 @@ impl<'p> Checker<'p> {
                 span,
                 format!("VAR_CONFIG does not say where `{last}` stands"),
             );
-            return Err(Box::new(problem.expected("AT and an address").hint(
-                "an initial value is given where the instance is declared: `fb : Block := (x := 5)`",
-            )));
+            return Err(Box::new(
+                problem.expected("AT and an address, or an initial value"),
+            ));
         };
         if !(declared.open_input || declared.open_output) {
             let problem = Problem::error(
@@ -182,6 +226,10 @@ impl<'p> Checker<'p> {
             }
         }
         let name = names.join("__");
+        if self.scopes[program.0 as usize].contains_key(&key(&name)) {
+            // Of another instance of the program. They get programs of their own before they run (`crate::instances`).
+            return Ok(());
+        }
         let id = VarId(self.vars.len() as u32);
         let output = location.output;
         self.vars.push(Var {

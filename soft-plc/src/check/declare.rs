@@ -101,10 +101,11 @@ impl<'p> Checker<'p> {
             }
         }
         self.declare_pous();
-        self.place_configured();
         self.check_tasks();
         self.find_patterns();
         self.settle_inits(0);
+        // Behind the initial values, which it changes for single instances.
+        self.place_configured();
     }
 
     /// The global variable, declared now if it was not yet. `None` if it is wrong, or needs itself.

@@ -243,6 +243,7 @@ pub struct Configuration {
 pub struct Configured {
     pub path: Vec<Ident>,
     pub location: Option<Ident>,
+    pub spec: TypeSpec,
     pub init: Option<Init>,
 }
 

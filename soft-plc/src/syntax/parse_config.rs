@@ -122,7 +122,7 @@ impl Parser<'_> {
                 None
             };
             self.expect(Tok::Colon, "`:` and the type of the variable")?;
-            self.type_spec()?;
+            let spec = self.type_spec()?;
             let init = if self.eat(Tok::Assign) {
                 Some(self.init()?)
             } else {
@@ -132,6 +132,7 @@ impl Parser<'_> {
             list.push(Configured {
                 path,
                 location,
+                spec,
                 init,
             });
         }

@@ -58,7 +58,7 @@ END_CONFIGURATION"
     );
     // The fast one in every scan, the slow ones in every third; `total` gets twice what the fast one has counted.
     assert_eq!(
-        run(&text, &["Count.n", "two.n", "total"], 7),
+        run(&text, &["one.n", "two.n", "total"], 7),
         [
             "1 10 102", "2 10 102", "3 10 102", "4 20 110", "5 20 110", "6 20 110", "7 30 124"
         ]
@@ -100,7 +100,7 @@ END_RESOURCE
 END_CONFIGURATION"
     );
     assert_eq!(
-        run(&text, &["Count.n", "b.n"], 4),
+        run(&text, &["a.n", "b.n"], 4),
         ["2 3", "4 3", "6 6", "8 6"]
     );
 }

@@ -1,7 +1,7 @@
 //! VAR_CONFIG: variables of programs and of function block instances get their places in the process image.
 
 use crate::common::{Machine, compiled, spec};
-use fam_soft_plc::{CheckOptions, SourceFile, check, parse_project};
+use fam_soft_plc::{CheckOptions, SourceFile, check, diagnose, parse_project, standalone};
 
 const BLOCKS: &str = "
 FUNCTION_BLOCK Sensor
@@ -114,6 +114,19 @@ fn a_line_of_var_config_that_means_nothing_says_so() {
             "BOOL has 1 bit and `%IW1` has 16 bits",
         ),
         (
+            "R.Main.s.left.raw AT %IX0.1 : BYTE;",
+            "`raw` is BOOL, and VAR_CONFIG calls it BYTE",
+        ),
+        (
+            "R.Main.scans : DINT := 1;",
+            "`scans` is INT, and VAR_CONFIG calls it DINT",
+        ),
+        (
+            "R.Main.s.left.seen : INT;",
+            "VAR_CONFIG does not say where `seen` stands",
+        ),
+        ("R.Main.s.left.seen : INT := 'x';", "STRING"),
+        (
             "R.Main.s.left.raw : BOOL := TRUE;",
             "VAR_CONFIG does not say where `raw` stands",
         ),
@@ -144,4 +157,72 @@ END_PROGRAM";
     m.instance.inputs_mut()[0] = 1;
     m.scan();
     assert_eq!(m.instance.outputs()[8..10], (-301_i16).to_le_bytes());
+}
+
+/// Two instances of one program, each with places and values of its own.
+const TWICE: &str = "
+FUNCTION_BLOCK Gain
+VAR CONSTANT unit : INT := 1; END_VAR
+VAR k : INT := 2; x AT %I* : INT; y AT %Q* : INT; END_VAR
+y := x * k * unit;
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK Chain VAR first, second : Gain; limits : ARRAY[1..2] OF INT := [1, 1]; END_VAR VAR_OUTPUT sum : INT; END_VAR
+first(); second(); sum := limits[1] + limits[2];
+END_FUNCTION_BLOCK
+PROGRAM Line VAR c : Chain; n : INT := 5; END_VAR c(); n := n + 1; END_PROGRAM
+CONFIGURATION C
+RESOURCE R ON PLC
+    TASK T(INTERVAL := T#10ms, PRIORITY := 1);
+    PROGRAM North WITH T : Line;
+    PROGRAM South WITH T : Line;
+END_RESOURCE
+VAR_CONFIG
+    R.North.c.first.x AT %IW0 : INT; R.North.c.first.y AT %QW0 : INT;
+    R.North.c.second.x AT %IW1 : INT; R.North.c.second.y AT %QW1 : INT;
+    R.South.c.first.x AT %IW2 : INT; R.South.c.first.y AT %QW2 : INT;
+    R.South.c.second.x AT %IW3 : INT; R.South.c.second.y AT %QW3 : INT;
+    R.North.c.second.k : INT := 10;
+    R.South.c.first.k : INT := 100;
+    R.South.n : INT := 50;
+    R.South.c.limits : ARRAY[1..2] OF INT := [3, 4];
+END_VAR
+END_CONFIGURATION
+";
+
+#[test]
+fn each_instance_of_a_program_has_its_own_places_and_initial_values() {
+    let prepared = standalone::prepare(
+        &[SourceFile::new("test.st", TWICE)],
+        &standalone::Options::default(),
+    )
+    .unwrap_or_else(|d| panic!("{d:?}"));
+    let mut m = Machine::of(&prepared.mc);
+    for (at, input) in [1_u8, 2, 3, 4].into_iter().enumerate() {
+        m.instance.inputs_mut()[2 * at] = input;
+    }
+    m.scan();
+    let words: Vec<u16> = m.instance.outputs()[..8]
+        .chunks(2)
+        .map(|w| u16::from_le_bytes([w[0], w[1]]))
+        .collect();
+    assert_eq!(words, [2, 20, 300, 8]);
+    for (path, value) in [
+        ("North.n", "6"),
+        ("South.n", "51"),
+        ("North.c.sum", "2"),
+        ("South.c.sum", "7"),
+    ] {
+        assert_eq!(m.text(path), value, "{path}");
+    }
+    assert!(
+        m.instance.read("Line.n").is_none(),
+        "no instance has this name"
+    );
+}
+
+#[test]
+fn what_is_said_about_a_program_is_said_once_however_often_it_runs() {
+    let text = TWICE.replace("n := n + 1;", "IF TRUE THEN n := n + 1; END_IF;");
+    let found = diagnose(&[SourceFile::new("test.st", text)], CheckOptions::default());
+    assert_eq!(found.len(), 1, "{found:?}");
 }

@@ -67,12 +67,12 @@ END_RESOURCE END_CONFIGURATION";
 #[test]
 fn tasks_run_their_instances_as_often_as_they_say() {
     let all = after(CONFIGURED, None, 10);
-    assert_eq!(value(&all, "Count.sum"), "10", "every scan of 20 ms");
+    assert_eq!(value(&all, "one.sum"), "10", "every scan of 20 ms");
     assert_eq!(value(&all, "two.sum"), "20", "every fifth");
     assert_eq!(value(&all, "seen"), "10", "connected");
     // `alarm` rises with the second instance in the first scan, falls with the first one, and rises again in the third.
     assert_eq!(value(&all, "OnAlarm.n"), "2");
-    assert_eq!(value(&all, "Count.t.ET"), "T#100ms");
+    assert_eq!(value(&all, "one.t.ET"), "T#100ms");
     assert!(!all.iter().any(|(p, _)| p.contains("__")), "{all:?}");
 }
 
