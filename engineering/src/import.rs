@@ -16,6 +16,7 @@ use fam_soft_plc::check::tree::{
 use fam_soft_plc::check::{CheckOptions, check};
 use fam_soft_plc::diag::{Diagnostic, Severity};
 use fam_soft_plc::image::scalars;
+use fam_soft_plc::instances::own_programs;
 use fam_soft_plc::project::parse_project;
 use fam_soft_plc::source::SourceFile;
 use fam_soft_plc::syntax::ast::{Pou, PouKind, Project, VarBlock, VarSection};
@@ -57,6 +58,8 @@ pub struct ProposedInput {
     pub name: String,
     /// The MC that exports it, and its variable; `None` for a point of the field.
     pub from: Option<(String, String)>,
+    /// Its address in the PLC project; nothing for what other MCs export.
+    pub address: String,
 }
 
 /// An output of a proposed MC.
@@ -68,6 +71,8 @@ pub struct ProposedOutput {
     pub idle: toml::Value,
     /// Whether it goes to the field.
     pub field: bool,
+    /// Its address in the PLC project; nothing for what goes to other MCs alone.
+    pub address: String,
     /// Whether other MCs read it.
     pub export: bool,
 }
@@ -77,9 +82,17 @@ pub struct ProposedOutput {
 /// # Errors
 /// What the compiler finds wrong with the project.
 pub fn propose(sources: &[SourceFile]) -> Result<Proposal, Vec<Diagnostic>> {
-    let (project, found) = parse_project(sources);
+    let (mut project, found) = parse_project(sources);
     if found.iter().any(|d| d.severity == Severity::Error) {
         return Err(found);
+    }
+    if project
+        .configurations
+        .iter()
+        .any(|c| !c.configured.is_empty())
+    {
+        // Instances of one program may differ.
+        own_programs(&mut project);
     }
     let typed = check(&project, CheckOptions::default())?;
     let mut proposal = Proposal::default();
@@ -109,7 +122,22 @@ pub fn propose(sources: &[SourceFile]) -> Result<Proposal, Vec<Diagnostic>> {
         proposal.mcs.push(proposed);
     }
     to_do(&typed, &parts, &exchanges, &mut proposal);
+    connected(&project, &mut proposal);
     Ok(proposal)
+}
+
+/// What the configuration connects with program instances, and nobody does for an MC.
+fn connected(project: &Project, proposal: &mut Proposal) {
+    let resources = project.configurations.iter().flat_map(|c| &c.resources);
+    for instance in resources.flat_map(|r| &r.instances) {
+        for connection in &instance.connections {
+            let (sign, name) = (if connection.output { "=>" } else { ":=" }, &instance.name);
+            let (own, other) = (&connection.parameter, &connection.value);
+            proposal.to_do.push(format!(
+                "{name}: the configuration connects `{own} {sign} {other}`, which an MC does not know: write it as an assignment in the program"
+            ));
+        }
+    }
 }
 
 /// A program instance, and what it needs of the project.
@@ -319,12 +347,14 @@ fn mc(
                     name: scalar.path,
                     idle: idle_value(typed, scalar.ty),
                     field: true,
+                    address: scalar.location.to_string(),
                     export: false,
                 });
             } else {
                 inputs.push(ProposedInput {
                     name: scalar.path,
                     from: None,
+                    address: scalar.location.to_string(),
                 });
             }
         }
@@ -336,12 +366,14 @@ fn mc(
                 name: var.name.clone(),
                 idle: idle_value(typed, var.ty),
                 field: var.location.is_some_and(|l| !l.memory),
+                address: var.location.map(|l| l.to_string()).unwrap_or_default(),
                 export: true,
             });
         } else {
             inputs.push(ProposedInput {
                 name: var.name.clone(),
                 from: Some((parts[exchange.from].name.clone(), var.name.clone())),
+                address: String::new(),
             });
         }
     }

@@ -5,7 +5,7 @@ use crate::model::toml_file::{
     CellFile, CellTable, ControllerTable, FORMAT, GatewayTable, Hosts, McTable, OutputTable,
     SettingsTable,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use toml::Spanned;
 
@@ -63,6 +63,7 @@ pub fn tables(
     mcs: &[PlacedMc],
 ) -> CellFile {
     let tick_ms = tick_ms(mcs);
+    let points = Points::of(mcs);
     CellFile {
         format: Spanned::new(0..0, FORMAT),
         cell: CellTable {
@@ -92,7 +93,10 @@ pub fn tables(
                 Spanned::new(c.at.clone(), table)
             })
             .collect(),
-        mc: mcs.iter().map(|mc| mc_table(mc, tick_ms)).collect(),
+        mc: mcs
+            .iter()
+            .map(|mc| mc_table(mc, tick_ms, &points))
+            .collect(),
     }
 }
 
@@ -118,7 +122,34 @@ fn gcd(a: u64, b: u64) -> u64 {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-fn mc_table(placed: &PlacedMc, tick_ms: f64) -> Spanned<McTable> {
+/// The addresses that variables of one name have, whatever MC they are in.
+struct Points<'a>(BTreeMap<String, BTreeSet<&'a str>>);
+
+impl<'a> Points<'a> {
+    fn of(mcs: &'a [PlacedMc]) -> Self {
+        let mut all: BTreeMap<String, BTreeSet<&str>> = BTreeMap::new();
+        for PlacedMc { mc, .. } in mcs {
+            let inputs = mc.inputs.iter().map(|i| (&i.name, &i.address));
+            let outputs = mc.outputs.iter().map(|o| (&o.name, &o.address));
+            for (name, address) in inputs.chain(outputs).filter(|(_, a)| !a.is_empty()) {
+                let of_name = all.entry(name.to_ascii_uppercase()).or_default();
+                of_name.insert(address);
+            }
+        }
+        Self(all)
+    }
+
+    /// The point of a variable: its name, with that of its MC where the name means several addresses.
+    fn name(&self, mc: &str, variable: &str) -> String {
+        let of_name = self.0.get(&variable.to_ascii_uppercase());
+        if of_name.is_some_and(|addresses| addresses.len() > 1) {
+            return format!("image:{}_{variable}", name_of(mc));
+        }
+        format!("image:{variable}")
+    }
+}
+
+fn mc_table(placed: &PlacedMc, tick_ms: f64, points: &Points<'_>) -> Spanned<McTable> {
     let PlacedMc { mc, at, file } = placed;
     let here = |text: &str| Spanned::new(at.clone(), text.to_owned());
     let cycle_ms = mc.cycle_ms.unwrap_or(tick_ms);
@@ -126,7 +157,7 @@ fn mc_table(placed: &PlacedMc, tick_ms: f64) -> Spanned<McTable> {
     let suspect_ms = (4.0 * cycle_ms).max(50.0);
     let watchdog_ms = (2.0 * suspect_ms + 100.0).max(1000.0);
     let worst_case_us = WORST_CASE_US_DEFAULT.min(cycle_ms * 1000.0 / 4.0);
-    let point = |name: &str| format!("image:{name}");
+    let point = |name: &str| points.name(&mc.name, name);
     let inputs: BTreeMap<Spanned<String>, Spanned<String>> = mc
         .inputs
         .iter()

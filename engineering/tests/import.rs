@@ -119,6 +119,95 @@ fn a_project_becomes_one_mc_for_each_program_instance() {
     assert_eq!(built.model.controllers.len(), 2);
 }
 
+/// One program twice: VAR_CONFIG gives each instance its own places and values.
+const LINES: &str = "
+FUNCTION_BLOCK Gain VAR k : INT := 2; x AT %I* : INT; y AT %Q* : INT; END_VAR y := x * k; END_FUNCTION_BLOCK
+PROGRAM Line VAR_INPUT way : BOOL; END_VAR VAR first, second : Gain; n : INT := 5; END_VAR first(); second(); n := n + 1; END_PROGRAM
+CONFIGURATION C
+RESOURCE R ON PLC
+    TASK T(INTERVAL := T#10ms, PRIORITY := 1);
+    PROGRAM North WITH T : Line;
+    PROGRAM South WITH T : Line (way := TRUE);
+END_RESOURCE
+VAR_CONFIG
+    R.North.first.x AT %IW0 : INT; R.North.first.y AT %QW0 : INT;
+    R.North.second.x AT %IW1 : INT; R.North.second.y AT %QW1 : INT;
+    R.South.first.x AT %IW2 : INT; R.South.first.y AT %QW2 : INT;
+    R.South.second.x AT %IW1 : INT; R.South.second.y AT %QW3 : INT;
+    R.South.first.k : INT := 100;
+    R.South.n : INT := 50;
+END_VAR
+END_CONFIGURATION
+";
+
+/// The first bytes of the outputs of an MC after a scan in which its inputs hold 1, 0, 1, 0, and so on.
+fn outputs_after_a_scan(xml: &str, program: &str) -> Vec<u8> {
+    use fam_soft_plc::standalone::{Options, prepare};
+    use fam_soft_plc::{Engine, EngineOptions, Instance, Interruption};
+    let options = Options {
+        program: Some(program.to_owned()),
+        ..Options::default()
+    };
+    let prepared = prepare(&[SourceFile::new("logic.xml", xml)], &options)
+        .unwrap_or_else(|d| panic!("{d:?}\n{xml}"));
+    let options = EngineOptions {
+        interruption: Interruption::Fuel(1_000_000),
+    };
+    let engine = Engine::new(options).unwrap();
+    let module = engine.prepare(&prepared.mc).unwrap();
+    let mut instance = Instance::new(&engine, &module).unwrap();
+    for (index, byte) in instance.inputs_mut().iter_mut().enumerate() {
+        *byte = u8::from(index % 2 == 0);
+    }
+    instance.scan(0, 2).unwrap();
+    instance.outputs()[..8].to_vec()
+}
+
+#[test]
+fn instances_of_one_program_keep_their_places_and_values() {
+    let files = import::model(&[SourceFile::new("lines.st", LINES)], "lines.aml")
+        .unwrap_or_else(|p| panic!("{p}"));
+    let expected = [
+        ("North", [2, 0, 2, 0, 0, 0, 0, 0]),
+        ("South", [0, 0, 0, 0, 100, 0, 2, 0]),
+    ];
+    for (mc, outputs) in expected {
+        let logic = &files[&format!("logic/{mc}.xml")];
+        assert_eq!(outputs_after_a_scan(logic, mc), outputs, "{mc}");
+    }
+    let to_do = &files["TODO.md"];
+    assert!(to_do.contains("connects `way := TRUE`"), "{to_do}");
+    let dir = tempfile::tempdir().unwrap();
+    write_files(&files, dir.path()).unwrap();
+    let built = build(&dir.path().join("lines.aml")).unwrap_or_else(|p| panic!("{p}"));
+    // What has one place in the project is one point.
+    let model = &files["lines.aml"];
+    for point in [
+        "North_first__x",
+        "South_first__x",
+        "second__x",
+        "South_second__y",
+    ] {
+        assert!(
+            model.contains(&format!("image:{point}<")),
+            "{point} in {model}"
+        );
+    }
+    // Written for a controller, and read back.
+    let controller = &built.model.controllers[0].controller;
+    let project = fam_engineering::plcopen::project_xml(&built, controller);
+    for (mc, outputs) in expected {
+        let source = fam_engineering::plcopen::mc_source(&project, mc).unwrap();
+        assert_eq!(outputs_after_a_scan(&source.text, mc), outputs, "{mc}");
+    }
+    // And as one ordinary project, whose images lie one behind the other.
+    let text = ordinary_project(&built);
+    compiles(&text);
+    let back = import::model(&[SourceFile::new("all.xml", text.as_str())], "all.aml")
+        .unwrap_or_else(|p| panic!("{p}"));
+    assert!(back["logic/South.xml"].contains("value=\"100\""));
+}
+
 #[test]
 fn projects_that_cannot_be_imported_say_why() {
     for (text, part) in [

@@ -55,21 +55,29 @@ pub fn write(
     xml.close();
     xml.open("instances", &[]);
     xml.open("configurations", &[]);
-    let has_globals = project
-        .globals
-        .iter()
-        .flat_map(|b| &b.decls)
-        .any(|d| wanted(|s| &s.globals, &d.name.name));
-    if selection.is_none() && !project.configurations.is_empty() {
-        for (index, configuration) in project.configurations.iter().enumerate() {
-            configured(&mut xml, project, configuration, index == 0);
+    let of_selection;
+    let configurations = match selection {
+        None => project.configurations.as_slice(),
+        Some(selection) => {
+            of_selection = selected(project, selection, name);
+            of_selection.as_slice()
         }
-    } else if has_globals {
-        xml.open("configuration", &[("name", &identifier(name))]);
-        unit::globals_with(&mut xml, project, &Renames::default(), &comment_of, &|n| {
-            wanted(|s| &s.globals, n)
+    };
+    for (index, configuration) in configurations.iter().enumerate() {
+        configured(&mut xml, project, configuration, &|n| {
+            index == 0 && wanted(|s| &s.globals, n)
         });
-        xml.close();
+    }
+    let has_globals = || {
+        let mut globals = project.globals.iter().flat_map(|b| &b.decls);
+        globals.any(|d| wanted(|s| &s.globals, &d.name.name))
+    };
+    if configurations.is_empty() && has_globals() {
+        let empty = Configuration {
+            name: identifier(name),
+            ..Configuration::default()
+        };
+        configured(&mut xml, project, &empty, &|n| wanted(|s| &s.globals, n));
     }
     xml.close();
     xml.close();
@@ -77,8 +85,45 @@ pub fn write(
     xml.finish()
 }
 
-/// A configuration of the project with its tasks and instances; the global variables go into the first.
-fn configured(xml: &mut Xml, project: &Project, configuration: &Configuration, first: bool) {
+/// What VAR_CONFIG says about the selected programs, and the instances that it names.
+fn selected(project: &Project, selection: &Selection, name: &str) -> Vec<Configuration> {
+    let is_wanted = |program: &str| selection.pous.contains(&program.to_ascii_uppercase());
+    let mut list = Vec::new();
+    for configuration in &project.configurations {
+        let mut own = configuration.clone();
+        own.name = identifier(name);
+        for resource in &mut own.resources {
+            resource.tasks.clear();
+            resource.instances.retain(|i| is_wanted(&i.program));
+            for instance in &mut resource.instances {
+                instance.task = None;
+            }
+        }
+        own.resources.retain(|r| !r.instances.is_empty());
+        let instances: Vec<&str> = own
+            .resources
+            .iter()
+            .flat_map(|r| &r.instances)
+            .map(|i| i.name.as_str())
+            .collect();
+        own.configured.retain(|c| {
+            let mut path = c.path.iter();
+            path.any(|part| instances.iter().any(|i| i.eq_ignore_ascii_case(&part.name)))
+        });
+        if !own.configured.is_empty() {
+            list.push(own);
+        }
+    }
+    list
+}
+
+/// A configuration with its tasks and instances, the wanted global variables, and what VAR_CONFIG says.
+fn configured(
+    xml: &mut Xml,
+    project: &Project,
+    configuration: &Configuration,
+    wanted: &dyn Fn(&str) -> bool,
+) {
     let comment_of = |span: Span| comments::of(&project.sources, span);
     xml.open("configuration", &[("name", &configuration.name)]);
     for resource in &configuration.resources {
@@ -115,8 +160,12 @@ fn configured(xml: &mut Xml, project: &Project, configuration: &Configuration, f
         }
         xml.close();
     }
-    if first {
-        unit::globals_with(xml, project, &Renames::default(), &comment_of, &|_| true);
-    }
+    unit::globals_with(xml, project, &Renames::default(), &comment_of, wanted);
+    let own = Project {
+        configurations: vec![configuration.clone()],
+        sources: project.sources.clone(),
+        ..Project::default()
+    };
+    unit::config_vars(xml, &[(&own, &Renames::default(), None)]);
     xml.close();
 }

@@ -106,6 +106,11 @@ pub fn project_xml(built: &BuiltCell, controller: &ControllerId) -> String {
         for unit in &units {
             resource(xml, unit);
         }
+        let lines: Vec<_> = units
+            .iter()
+            .map(|u| (&u.project, &u.renames, Some(u.mc.mc.as_str())))
+            .collect();
+        unit::config_vars(xml, &lines);
     });
     xml.close();
     xml.finish()

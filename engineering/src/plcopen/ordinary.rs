@@ -57,6 +57,11 @@ pub fn ordinary_project(built: &BuiltCell) -> String {
             let comment_of = |span: Span| comments::of(&unit.project.sources, span);
             unit::globals_with(xml, &unit.project, &unit.renames, &comment_of, &|_| true);
         }
+        let lines: Vec<_> = units
+            .iter()
+            .map(|u| (&u.project, &u.renames, Some("PLC")))
+            .collect();
+        unit::config_vars(xml, &lines);
     });
     xml.close();
     xml.finish()

@@ -77,6 +77,22 @@ pub fn mc_source(project: &str, mc: &str) -> Result<SourceFile, ReadError> {
         .and_then(|p| p.attribute("name"))
         .unwrap_or("");
     let [types, pous] = parts.map(|part| renames.undo(part));
+    // What VAR_CONFIG says about this MC: the paths begin with its resource.
+    let path = |n: &Node<'_, '_>| {
+        let path = n.attribute("instancePathAndName").unwrap_or("");
+        path.split('.').next() == Some(mc)
+    };
+    let lines: String = root
+        .descendants()
+        .filter(|n| n.has_tag_name((root_namespace(root), "configVariable")))
+        .filter(path)
+        .map(|n| renames.undo(text(n)) + "\n")
+        .collect();
+    let config_vars = if lines.is_empty() {
+        lines
+    } else {
+        format!("<configVars>\n{lines}</configVars>\n")
+    };
     Ok(SourceFile::new(
         format!("{mc}.xml"),
         format!(
@@ -84,7 +100,7 @@ pub fn mc_source(project: &str, mc: &str) -> Result<SourceFile, ReadError> {
              <project xmlns=\"{}\" xmlns:xhtml=\"http://www.w3.org/1999/xhtml\">\n{}\n{}\n\
              <types>\n<dataTypes>\n{types}</dataTypes>\n<pous>\n{pous}</pous>\n</types>\n\
              <instances>\n<configurations>\n<configuration name=\"{configuration}\">\n{}\n\
-             </configuration>\n</configurations>\n</instances>\n</project>\n",
+             {config_vars}</configuration>\n</configurations>\n</instances>\n</project>\n",
             root_namespace(root),
             header("fileHeader"),
             header("contentHeader"),

@@ -9,8 +9,8 @@ use fam_soft_plc::WHOLE_TEXT_NAMESPACE;
 use fam_soft_plc::check::parse_location;
 use fam_soft_plc::source::Span;
 use fam_soft_plc::syntax::ast::{
-    Expr, Init, Interface, Pou, PouKind, Project, TypeDecl, TypeSpec, TypeSpecKind, VarBlock,
-    VarDecl, VarSection,
+    Configuration, Configured, Expr, Init, Interface, Pou, PouKind, Project, TypeDecl, TypeSpec,
+    TypeSpecKind, VarBlock, VarDecl, VarSection,
 };
 use fam_soft_plc::types::Elem;
 use std::collections::BTreeMap;
@@ -137,6 +137,34 @@ pub fn globals_with(
             writer.block(xml, "globalVars", &block);
         }
     }
+}
+
+/// What VAR_CONFIG says in the logic of some MCs, each with the resource that runs its programs now, under their own names.
+/// Without a resource the lines stay as they are.
+pub fn config_vars(xml: &mut Xml, all: &[(&Project, &Renames, Option<&str>)]) {
+    let lines = |project: &Project| {
+        project
+            .configurations
+            .iter()
+            .any(|c| !c.configured.is_empty())
+    };
+    if !all.iter().any(|(project, _, _)| lines(project)) {
+        return;
+    }
+    xml.open("configVars", &[]);
+    for (project, renames, resource) in all {
+        let writer = UnitWriter {
+            project,
+            renames,
+            comments: &|_| None,
+        };
+        for configuration in &project.configurations {
+            for line in &configuration.configured {
+                writer.config_var(xml, configuration, line, *resource);
+            }
+        }
+    }
+    xml.close();
 }
 
 /// A variable's declaration as it is written.
@@ -353,6 +381,38 @@ impl UnitWriter<'_> {
         xml.close();
     }
 
+    fn config_var(
+        &self,
+        xml: &mut Xml,
+        configuration: &Configuration,
+        line: &Configured,
+        resource: Option<&str>,
+    ) {
+        let mut names: Vec<&str> = line.path.iter().map(|p| p.name.as_str()).collect();
+        let program;
+        if let Some(resource) = resource
+            && let Some((at, of)) = program_in(configuration, self.project, &names)
+        {
+            program = self.renames.of(of);
+            names.splice(..=at, [resource, program.as_str()]);
+        }
+        let path = names.join(".");
+        let address = line.location.as_ref();
+        let address = address.map(|at| self.renames.address(&at.name));
+        let mut attributes = vec![("instancePathAndName", path.as_str())];
+        if let Some(address) = &address {
+            attributes.push(("address", address));
+        }
+        xml.open("configVariable", &attributes);
+        xml.open("type", &[]);
+        self.type_spec(xml, &line.spec);
+        xml.close();
+        if let Some(init) = &line.init {
+            self.initial_value(xml, init);
+        }
+        xml.close();
+    }
+
     fn initial_value(&self, xml: &mut Xml, init: &Init) {
         xml.open("initialValue", &[]);
         self.value(xml, init);
@@ -527,6 +587,28 @@ impl UnitWriter<'_> {
 }
 
 /// Whether the block's variables have the names that all POUs share.
+/// Which part of a path of VAR_CONFIG is the program, and its name.
+fn program_in<'a>(
+    configuration: &'a Configuration,
+    project: &'a Project,
+    path: &[&str],
+) -> Option<(usize, &'a str)> {
+    let resources = &configuration.resources;
+    let begins = usize::from(path.len() > 2 && resources.iter().any(|r| same(&r.name, path[0])));
+    let instances = || resources.iter().flat_map(|r| &r.instances);
+    (begins..path.len()).find_map(|at| {
+        let instance = instances().find(|i| same(&i.name, path[at]));
+        let name = instance.map_or(path[at], |i| i.program.as_str());
+        let is_it = |p: &&Pou| p.kind == PouKind::Program && same(&p.name.name, name);
+        let pou = project.pous.iter().find(is_it)?;
+        Some((at, pou.name.name.as_str()))
+    })
+}
+
+fn same(a: &str, b: &str) -> bool {
+    a.eq_ignore_ascii_case(b)
+}
+
 fn is_global(block: &VarBlock) -> bool {
     matches!(block.section, VarSection::External | VarSection::Global)
 }

@@ -67,7 +67,16 @@ impl<'p> Checker<'p> {
         configuration: &'p ast::Configuration,
         configured: &'p ast::Configured,
     ) -> Fallible<()> {
-        let path = configured.path.as_slice();
+        let mut path = configured.path.as_slice();
+        if let [first, rest @ ..] = path
+            && rest.len() > 1
+            && configuration
+                .resources
+                .iter()
+                .any(|r| r.name.eq_ignore_ascii_case(&first.name))
+        {
+            path = rest;
+        }
         let program = path.iter().enumerate().find_map(|(at, part)| {
             let pou = self.find_declared_pou(program_of(configuration, &part.name))?;
             (self.pou(pou).kind == PouKind::Program).then_some((at, pou))

@@ -44,6 +44,7 @@ use crate::plan::Plan;
 use crate::source::Span;
 pub(crate) use dispatch::tag_of;
 use fun::{Fun, FunctionCode};
+#[cfg(feature = "runtime")]
 pub(crate) use pointer_helper::{BEHIND_STRING, IS_CONSTANT, NO_STRING};
 
 /// Name of the exported function that runs one scan.

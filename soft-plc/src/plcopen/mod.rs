@@ -13,8 +13,8 @@ use roxmltree::{Document, Node};
 use crate::diag::Problem;
 use crate::source::{Sources, Span};
 use crate::syntax::ast::{
-    Configuration, Ident, Pou, PouKind, ProgramInstance, Project, Resource, Stmt, Task, TypeDecl,
-    VarBlock, VarDecl, VarSection,
+    Configuration, Configured, Ident, Pou, PouKind, ProgramInstance, Project, Resource, Stmt, Task,
+    TypeDecl, VarBlock, VarDecl, VarSection,
 };
 use crate::syntax::literal;
 use crate::syntax::parse_il::parse_il;
@@ -480,10 +480,7 @@ impl Reader<'_> {
             return None;
         };
         let spec = self.type_spec(ty)?;
-        let location = node.attribute("address").map(|address| Ident {
-            name: address.trim().to_owned(),
-            span: self.attribute_span(node, "address"),
-        });
+        let location = self.address(node);
         let init = element(node, "initialValue").and_then(|v| self.initial_value(v));
         Some(VarDecl {
             name,
@@ -503,7 +500,39 @@ impl Reader<'_> {
             let resource = self.resource(resource);
             configuration.resources.push(resource);
         }
+        for variable in elements(node, "configVars").flat_map(|v| elements(v, "configVariable")) {
+            let configured = self.configured(variable);
+            configuration.configured.extend(configured);
+        }
         project.configurations.push(configuration);
+    }
+
+    /// A line of VAR_CONFIG.
+    fn configured(&mut self, node: Node<'_, '_>) -> Option<Configured> {
+        let path = self.name(node, "instancePathAndName")?;
+        let part = |name: &str| Ident {
+            name: name.trim().to_owned(),
+            span: path.span,
+        };
+        let Some(ty) = element(node, "type") else {
+            let message = format!("`{}` has no type", path.name);
+            let span = self.tag(node);
+            self.report(Problem::error("E606", span, message));
+            return None;
+        };
+        Some(Configured {
+            path: path.name.split('.').map(part).collect(),
+            location: self.address(node),
+            spec: self.type_spec(ty)?,
+            init: element(node, "initialValue").and_then(|v| self.initial_value(v)),
+        })
+    }
+
+    fn address(&self, node: Node<'_, '_>) -> Option<Ident> {
+        node.attribute("address").map(|address| Ident {
+            name: address.trim().to_owned(),
+            span: self.attribute_span(node, "address"),
+        })
     }
 
     fn resource(&mut self, node: Node<'_, '_>) -> Resource {

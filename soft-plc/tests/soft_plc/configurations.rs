@@ -99,10 +99,7 @@ RESOURCE Right ON PLC
 END_RESOURCE
 END_CONFIGURATION"
     );
-    assert_eq!(
-        run(&text, &["a.n", "b.n"], 4),
-        ["2 3", "4 3", "6 6", "8 6"]
-    );
+    assert_eq!(run(&text, &["a.n", "b.n"], 4), ["2 3", "4 3", "6 6", "8 6"]);
 }
 
 #[test]
