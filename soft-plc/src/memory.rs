@@ -24,6 +24,8 @@ use crate::types::{TypeId, TypeKind};
 pub const MC_TIME_AT: u32 = 0;
 /// Number of the site that trapped, u32; 0 is none.
 pub const TRAP_SITE_AT: u32 = 8;
+/// Number of the site that last called a function of the library that can trap, u32.
+pub const CALLER_SITE_AT: u32 = 12;
 /// The value that caused the trap (an index, a value out of range), i64.
 pub const TRAP_DETAIL_AT: u32 = 16;
 /// Number of the scan that the watchdog wants to end, u32: loops look at it.

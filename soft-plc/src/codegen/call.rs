@@ -3,13 +3,15 @@
 use wasm_encoder::{Instruction as I, ValType};
 
 use super::SiteKind;
-use super::fun::{Fun, val};
+use super::fun::{Fun, mem, val};
 use super::place::{Addr, Form, Kept};
 use super::text::calls;
 use crate::check::tree::{
     Argument, Expr, ExprKind, FunctionCall, Invocation, Place, PouId, Receiver, Root, Step,
     StepKind, VarId,
 };
+use crate::memory::CALLER_SITE_AT;
+use crate::source::Span;
 use crate::syntax::ast::VarSection;
 use crate::types::{Elem, TypeId};
 
@@ -30,6 +32,18 @@ enum Target {
 
 impl Fun<'_, '_> {
     /// Pushes the result of a function, if it is a scalar.
+    /// Before a POU of the library that can trap: whoever reads of the trap knows this line, and not those of the library.
+    fn note_caller(&mut self, callee: PouId, span: Span) {
+        let is_library = |pou: PouId| self.m.project.pou(pou).library;
+        if !is_library(callee) || is_library(self.pou) || !self.m.may_trap(callee) {
+            return;
+        }
+        let site = self.m.site(SiteKind::Caller, self.pou, span);
+        self.i(I::I32Const(0));
+        self.i(I::I32Const(site));
+        self.i(I::I32Store(mem(CALLER_SITE_AT, 2)));
+    }
+
     pub fn function_call(&mut self, call: &FunctionCall) {
         let project = self.m.project;
         let parameters: Vec<VarId> = self.parameters(call.pou);
@@ -69,6 +83,7 @@ impl Fun<'_, '_> {
                 .method_number(call.pou, receiver, self.pou, call.span),
             None => self.m.numbers[&call.pou],
         };
+        self.note_caller(call.pou, call.span);
         self.i(I::Call(number));
         self.known.forget_all();
         // The outputs lie above the result, the last one on top.
@@ -327,6 +342,7 @@ impl Fun<'_, '_> {
             self.pass(place, &mut back);
         }
         self.copy_in(&back);
+        self.note_caller(call.pou, call.span);
         match in_place {
             Some((place, kept)) => self.put_in_place(call, place, kept),
             None => {

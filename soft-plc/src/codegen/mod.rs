@@ -102,6 +102,8 @@ pub enum SiteKind {
     Character,
     /// A loop that the watchdog has stopped.
     EndlessLoop,
+    /// The call of a POU of the library: the line of a trap in it that means something to people.
+    Caller,
 }
 
 /// Lines of the code: for traps that have no site, such as an endless loop.
@@ -128,7 +130,11 @@ pub fn compile(project: &TypedProject, spec: &CompileSpec) -> Result<CompiledMc,
     let mut state = State::new(project, plan);
     let mut functions = Vec::new();
     for pou in state.order.clone() {
+        let sites = state.sites.len();
         functions.push(Fun::compile(&mut state, pou));
+        if project.pou(pou).library && state.sites.len() > sites {
+            state.trapping.insert(pou);
+        }
     }
     state.note_strings();
     let needed = round_up(u64::from(state.scratch_at), 8);
@@ -156,7 +162,7 @@ enum Behind {
 struct State<'p> {
     project: &'p TypedProject,
     plan: Plan,
-    /// POUs with code, in the order of their functions.
+    /// POUs with code, in the order of their functions: those of the library first.
     order: Vec<PouId>,
     numbers: BTreeMap<PouId, u32>,
     imports: Vec<(&'static str, Vec<ValType>, Vec<ValType>)>,
@@ -179,6 +185,8 @@ struct State<'p> {
     constants: BTreeMap<Vec<u8>, u32>,
     /// Functions of the module's own that stand behind those of the POUs.
     behind: Vec<Behind>,
+    /// POUs of the library with run-time checks.
+    trapping: BTreeSet<PouId>,
     /// POINTER TO of CODESYS is used: helpers for it stand behind the others.
     pointers: bool,
     /// Variables of calls whose address is taken: they live in memory.
@@ -188,10 +196,12 @@ struct State<'p> {
 
 impl<'p> State<'p> {
     fn new(project: &'p TypedProject, plan: Plan) -> Self {
-        let order: Vec<PouId> = (0..project.pous.len() as u32)
+        let mut order: Vec<PouId> = (0..project.pous.len() as u32)
             .map(PouId)
             .filter(|p| plan.reachable[p.0 as usize])
             .collect();
+        // Whoever calls the library has to know what can trap there.
+        order.sort_by_key(|p| !project.pou(*p).library);
         let pointers = project.uses_pointers();
         // The helpers come first.
         let numbers = order
@@ -222,6 +232,7 @@ impl<'p> State<'p> {
             },
             constants: BTreeMap::new(),
             behind: Vec::new(),
+            trapping: BTreeSet::new(),
             pointers,
             addressed: pointer::addressed(project, pointers),
             reach: pointer_helper::Reach::default(),
@@ -292,6 +303,12 @@ impl<'p> State<'p> {
             Some(formula) => self.push_behind(Behind::Formula(formula)),
             None => import,
         }
+    }
+
+    /// Whether a check in this POU of the library, or in one that it calls, can stop the scan.
+    fn may_trap(&self, pou: PouId) -> bool {
+        let calls = &self.project.pou(pou).calls;
+        self.trapping.contains(&pou) || calls.iter().any(|p| self.may_trap(*p))
     }
 
     /// The number of a trap site. What is written out several times has one.

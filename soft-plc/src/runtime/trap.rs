@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 use wasmtime::WasmBacktrace;
 
 use crate::codegen::{BEHIND_STRING, CompiledMc, IS_CONSTANT, NO_STRING, SiteKind};
-use crate::memory::{TRAP_DETAIL_AT, TRAP_SITE_AT};
+use crate::memory::{CALLER_SITE_AT, TRAP_DETAIL_AT, TRAP_SITE_AT};
+use crate::project::STANDARD_LIBRARY_NAME;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum TrapKind {
@@ -57,6 +58,17 @@ pub(super) fn explain(mc: &CompiledMc, error: &wasmtime::Error, memory: &[u8]) -
         && let Some(site) = site.checked_sub(1).and_then(|s| mc.sites.get(s))
     {
         let (kind, message) = describe(&site.kind, number(TRAP_DETAIL_AT, 8));
+        let caller = (number(CALLER_SITE_AT, 4) as usize).checked_sub(1);
+        let caller = caller.filter(|_| site.file == STANDARD_LIBRARY_NAME);
+        if let Some(called) = caller.and_then(|s| mc.sites.get(s)) {
+            return Trap {
+                kind,
+                pou: called.pou.clone(),
+                file: called.file.clone(),
+                line: called.line,
+                message: format!("{message} (in the standard function called here)"),
+            };
+        }
         return Trap {
             kind,
             pou: site.pou.clone(),
@@ -119,6 +131,8 @@ fn describe(kind: &SiteKind, detail: i64) -> (TrapKind, String) {
             };
             (TrapKind::Address, why.to_owned())
         }
+        // Traps have sites of their own.
+        SiteKind::Caller => (TrapKind::Internal, "a call failed".to_owned()),
         SiteKind::Text(to) => (
             TrapKind::Conversion,
             format!("the text shows no value of {to}"),

@@ -104,6 +104,21 @@ const CASES: &[(&str, &str, TrapKind, u32, &str)] = &[
         5,
         "MUX has 2 inputs and none with number 2",
     ),
+    // In a function of the library: the line is that of the call.
+    (
+        "r : UINT; w : WORD := 16#00FA; d : DATE;",
+        "d := CONCAT_DATE(2024, 1, 1);\nr := WORD_BCD_TO_UINT(w);",
+        TrapKind::Range,
+        6,
+        "the value 10 is outside 0..9 (in the standard function called here)",
+    ),
+    (
+        "r : DT; d : INT := 30;",
+        "r := CONCAT_DT(2024, 1, d, 0, 0, 0, 0);\nr := CONCAT_DT(2024, 2, d, 0, 0, 0, 0);",
+        TrapKind::Range,
+        6,
+        "the value 1 is outside 0..0 (in the standard function called here)",
+    ),
 ];
 
 #[test]
