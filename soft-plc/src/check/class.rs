@@ -290,6 +290,14 @@ impl<'p> Checker<'p> {
                         let message = format!("{} is FINAL", self.pou(other).name);
                         self.report(Problem::error("E233", span, message));
                     }
+                    if !syntax.class.is_override && !self.is_liberal() {
+                        let other = self.pou(other).name.clone();
+                        let message = format!("`{}` overrides {other}", syntax.name.name);
+                        self.report(
+                            Problem::warning("W717", span, message)
+                                .hint("say so: `METHOD OVERRIDE`, or take another name"),
+                        );
+                    }
                     self.same_signature(*method, other, span);
                 } else if syntax.class.is_override {
                     let message = format!("there is no method `{}` to override", syntax.name.name);

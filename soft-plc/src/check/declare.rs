@@ -71,7 +71,35 @@ impl<'p> Checker<'p> {
         }
     }
 
+    /// Names that other compilers refuse: several underscores in a row, or one at the end (clause 6.1.2). Those of the compiler's
+    /// own variables begin with two.
+    pub(super) fn warn_of_underscores(&mut self, name: &ast::Ident) {
+        let text = name.name.rsplit('.').next().unwrap_or_default();
+        let wrong = text.contains("__") || text.ends_with('_');
+        if wrong && !text.starts_with("__") && !self.is_liberal() {
+            let message = format!("the standard has no names like `{text}`");
+            self.report(
+                Problem::warning("W718", name.span, message)
+                    .expected("single underscores, and none at the end")
+                    .hint("other compilers refuse it"),
+            );
+        }
+    }
+
+    /// A program's `AT %Q*` that VAR_CONFIG does not place.
+    fn warn_of_no_place(&mut self, name: &ast::Ident, owner: Option<PouId>) {
+        if owner.is_some_and(|p| self.pou(p).kind == PouKind::Program) {
+            let message = format!("`{}` has no place in the process image", name.name);
+            self.report(
+                Problem::warning("W720", name.span, message)
+                    .expected("a line for it in the VAR_CONFIG of the configuration")
+                    .hint("until it has one it lies in memory, and no driver reads or writes it"),
+            );
+        }
+    }
+
     fn claim(&mut self, name: &ast::Ident, declared: Declared) {
+        self.warn_of_underscores(name);
         if Elem::from_name(&name.name).is_some() {
             let message = format!("`{}` is the name of an elementary type", name.name);
             self.report(Problem::error("E201", name.span, message));
@@ -83,7 +111,7 @@ impl<'p> Checker<'p> {
                 name.span,
                 format!("`{}` is declared twice", name.name),
             )
-            .hint("types, POUs and global variables of a namespace share one set of names; case does not count");
+            .hint("types, POUs and global variables, those of all resources too, share one set of names; case does not count");
             self.report(problem);
             return;
         }
@@ -165,6 +193,10 @@ impl<'p> Checker<'p> {
                 let result = self.located(at, ty);
                 self.ok(result)
             });
+        self.warn_of_underscores(&decl.name);
+        if (open_input || open_output) && location.is_none() && configured.is_none() {
+            self.warn_of_no_place(&decl.name, owner);
+        }
         let id = VarId(self.vars.len() as u32);
         self.vars.push(Var {
             name: decl.name.name.clone(),

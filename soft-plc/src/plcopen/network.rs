@@ -206,9 +206,33 @@ impl<'r, 's, 'a, 'i> Network<'r, 's, 'a, 'i> {
         }
     }
 
+    /// Elements that no connection reaches: most likely one was cut off when the diagram was edited.
+    fn warn_of_loose_ends(&mut self, nodes: &[Node<'a, 'i>]) {
+        for node in nodes {
+            let kind = node.tag_name().name();
+            let open = !element(*node, "connectionPointIn").is_some_and(|p| {
+                element(p, "connection").is_some() || element(p, "expression").is_some()
+            });
+            let id = node.attribute("localId").unwrap_or_default();
+            let unused = self.users.get(id).copied().unwrap_or(0) == 0;
+            let what = match kind {
+                "contact" if open => "no power comes to this contact: nothing is connected to it",
+                "coil" if open => "no power comes to this coil: nothing is connected to it",
+                "outVariable" if open => "this variable is not written: nothing is connected to it",
+                "contact" if unused => "the power of this contact goes nowhere",
+                "inVariable" if unused => "the value of this variable goes nowhere",
+                _ => continue,
+            };
+            let span = self.reader.tag(*node);
+            self.reader
+                .report(Problem::warning("W719", span, what).hint("connect it, or remove it"));
+        }
+    }
+
     fn all(&mut self, body: Node<'a, 'i>) {
         let nodes: Vec<Node<'a, 'i>> = body.children().filter(Node::is_element).collect();
         self.refuse_doubles(&nodes);
+        self.warn_of_loose_ends(&nodes);
         self.labels = nodes
             .iter()
             .filter(|n| n.has_tag_name_local("label"))

@@ -1,6 +1,6 @@
 //! Small drawn programs that use the elements of TC6 in combination; values worked out by hand.
 
-use fam_soft_plc::Value;
+use fam_soft_plc::{CheckOptions, SourceFile, Value, diagnose};
 
 use crate::common::Machine;
 use crate::diagrams::{block, compile, from, input, output, project};
@@ -261,4 +261,43 @@ fn blocks_stand_in_rungs_and_diagrams() {
     ] {
         assert_eq!(run(vars, &body, inputs), expected, "{name}");
     }
+}
+
+#[test]
+fn what_nothing_is_connected_to_is_told() {
+    let vars = ["a:BOOL", "b:BOOL", "c:BOOL", "r:BOOL", "n:INT"];
+    let whole = [
+        contact(2, "", "a", &["1"]),
+        coil(3, "", "r", &["2"]),
+        input(4, "5"),
+        output(5, "n", &["4"]),
+    ]
+    .concat();
+    let loose = [
+        contact(2, "", "a", &[]),
+        coil(3, "", "r", &["2"]),
+        contact(4, "", "b", &["1"]),
+        coil(5, "", "c", &[]),
+        input(6, "5"),
+        output(7, "n", &[]),
+    ]
+    .concat();
+    let said = |body: &str| -> Vec<String> {
+        let text = project(&vars, &format!("<LD>{}{body}</LD>", rail()), "");
+        let files = [SourceFile::new("p.xml", text)];
+        let found = diagnose(&files, CheckOptions::default()).into_iter();
+        let loose = found.filter(|d| d.code == "W719").map(|d| d.message);
+        loose.collect()
+    };
+    assert_eq!(said(&whole), Vec::<String>::new());
+    assert_eq!(
+        said(&loose),
+        [
+            "no power comes to this contact: nothing is connected to it",
+            "the power of this contact goes nowhere",
+            "no power comes to this coil: nothing is connected to it",
+            "the value of this variable goes nowhere",
+            "this variable is not written: nothing is connected to it",
+        ]
+    );
 }

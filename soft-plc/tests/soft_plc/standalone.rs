@@ -174,6 +174,32 @@ END_PROGRAM";
 }
 
 #[test]
+fn what_other_compilers_refuse_is_a_warning() {
+    let text = "FUNCTION_BLOCK B
+METHOD PUBLIC M : INT M := 1; END_METHOD
+METHOD PUBLIC N : INT N := 1; END_METHOD
+END_FUNCTION_BLOCK
+FUNCTION_BLOCK D EXTENDS B
+METHOD PUBLIC M : INT M := 2; END_METHOD
+METHOD PUBLIC OVERRIDE N : INT N := 2; END_METHOD
+END_FUNCTION_BLOCK
+PROGRAM P VAR
+d : D; a__b : INT;
+c_ : INT; _ok : INT; a_b_c : INT;
+lamp AT %Q* : BOOL;
+placed AT %Q* : BOOL;
+END_VAR
+a__b := d.M(); c_ := d.N(); _ok := a__b; a_b_c := c_ + _ok; lamp := a_b_c > 0; placed := lamp;
+END_PROGRAM
+CONFIGURATION C RESOURCE R ON PLC PROGRAM p1 : P; END_RESOURCE
+VAR_CONFIG R.p1.placed AT %QX0.0 : BOOL; END_VAR
+END_CONFIGURATION";
+    let found = codes(text, Dialect::Standard);
+    assert_eq!(found, ["W717 6", "W718 10", "W718 11", "W720 12"]);
+    assert_eq!(codes(text, Dialect::Codesys), ["W720 12"]);
+}
+
+#[test]
 fn a_mistake_in_one_pou_does_not_hide_those_of_others() {
     let text = "PROGRAM P VAR a : INT; END_VAR
 a := ;

@@ -117,7 +117,7 @@ const CASES: &[(&str, &str, TrapKind, u32, &str)] = &[
         "r := CONCAT_DT(2024, 1, d, 0, 0, 0, 0);\nr := CONCAT_DT(2024, 2, d, 0, 0, 0, 0);",
         TrapKind::Range,
         6,
-        "the value 1 is outside 0..0 (in the standard function called here)",
+        "the value 30 is outside 1..29 (in the standard function called here)",
     ),
 ];
 
