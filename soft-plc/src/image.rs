@@ -9,6 +9,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 const BYTE: u64 = 8;
 
+/// The name of the array in the image that has the characters of a located string.
+pub(crate) fn characters_of(text: &str) -> String {
+    format!("__text_{text}")
+}
+
 /// A located variable of an elementary type, or a scalar of one that is an array or structure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageScalar {
@@ -96,8 +101,8 @@ fn add_scalars(
     }
 }
 
-/// Bits that a value of the type takes in the image, and of what number of bits its address is a multiple. Strings and references
-/// cannot lie there.
+/// Bits that a value of the type takes in the image, and of what number of bits its address is a multiple. References cannot lie
+/// there, and strings only by their characters (`crate::check::located_text`).
 pub(crate) fn extent(types: &TypeTable, ty: TypeId) -> Option<(u64, u64)> {
     Extents::default().of(types, ty)
 }

@@ -265,7 +265,14 @@ impl<'p> Checker<'p> {
     }
 
     /// The body of a program between its copies in and out. RETURN leaves the body, not what follows.
-    pub(super) fn with_placed(&self, program: PouId, body: Vec<Stmt>) -> Vec<Stmt> {
+    pub(super) fn with_placed(&mut self, program: PouId, body: Vec<Stmt>) -> Vec<Stmt> {
+        if self.pou(program).kind != PouKind::Program {
+            return body;
+        }
+        let texts = (
+            self.copy_texts(program, false),
+            self.copy_texts(program, true),
+        );
         let copies = |output: bool| -> Vec<Stmt> {
             let of_program = |p: &&Placed| p.program == program && p.output == output;
             self.placed
@@ -274,7 +281,9 @@ impl<'p> Checker<'p> {
                 .map(Placed::copy)
                 .collect()
         };
-        let (mut list, after) = (copies(false), copies(true));
+        let (mut list, mut after) = (copies(false), copies(true));
+        list.extend(texts.0);
+        after.extend(texts.1);
         if after.is_empty() {
             list.extend(body);
         } else {

@@ -88,7 +88,19 @@ impl<'p> Checker<'p> {
 
     /// A program's `AT %Q*` that VAR_CONFIG does not place.
     fn warn_of_no_place(&mut self, name: &ast::Ident, owner: Option<PouId>) {
-        if owner.is_some_and(|p| self.pou(p).kind == PouKind::Program) {
+        let Some(owner) = owner.map(|p| self.pou(p)) else {
+            return;
+        };
+        let configurations = &self.project.configurations;
+        let mut resources = configurations.iter().flat_map(|c| &c.resources);
+        // Of a program that runs several times each instance has a program of its own, and this one never runs.
+        let runs = configurations.is_empty()
+            || resources.any(|r| {
+                r.instances
+                    .iter()
+                    .any(|i| i.program.eq_ignore_ascii_case(&owner.name))
+            });
+        if owner.kind == PouKind::Program && runs {
             let message = format!("`{}` has no place in the process image", name.name);
             self.report(
                 Problem::warning("W720", name.span, message)
@@ -132,6 +144,7 @@ impl<'p> Checker<'p> {
         self.check_tasks();
         self.find_patterns();
         self.settle_inits(0);
+        self.begin_texts();
         // Behind the initial values, which it changes for single instances.
         self.place_configured();
     }
@@ -186,13 +199,14 @@ impl<'p> Checker<'p> {
         };
         let (open_input, open_output) = (open_at("%I"), open_at("%Q"));
         let configured = self.configured(&decl.name.name, owner);
-        let location = configured
+        let at = configured
             .and_then(|c| c.location.as_ref())
-            .or(decl.location.as_ref().filter(|_| !open))
-            .and_then(|at| {
-                let result = self.located(at, ty);
-                self.ok(result)
-            });
+            .or(decl.location.as_ref().filter(|_| !open));
+        let is_text = self.types.text(ty).is_some();
+        let location = at.filter(|_| !is_text).and_then(|at| {
+            let result = self.located(at, ty);
+            self.ok(result)
+        });
         self.warn_of_underscores(&decl.name);
         if (open_input || open_output) && location.is_none() && configured.is_none() {
             self.warn_of_no_place(&decl.name, owner);
@@ -211,6 +225,10 @@ impl<'p> Checker<'p> {
             owner,
             span: decl.name.span,
         });
+        if let Some(at) = at.filter(|_| is_text) {
+            let result = self.locate_text(id, at);
+            self.ok(result);
+        }
         if block.constant && decl.init.is_none() && ty != TypeId::ERROR {
             let message = format!("the constant `{}` has no value", decl.name.name);
             self.report(

@@ -12,6 +12,7 @@ mod init;
 mod liberties;
 pub mod lint;
 mod located;
+mod located_text;
 mod methods;
 mod names;
 mod open_arrays;
@@ -116,6 +117,7 @@ struct Checker<'p> {
     foreign_addresses: BTreeMap<String, u32>,
     /// What VAR_CONFIG places inside instances.
     placed: Vec<configured::Placed>,
+    texts: Vec<located_text::LocatedText>,
     open_arrays: open_arrays::OpenArrays,
     /// Names that each POU sees first.
     scopes: Vec<BTreeMap<String, VarId>>,
@@ -167,6 +169,7 @@ impl<'p> Checker<'p> {
             syntaxes: Vec::new(),
             foreign_addresses: BTreeMap::new(),
             placed: Vec::new(),
+            texts: Vec::new(),
             open_arrays: open_arrays::OpenArrays::default(),
             scopes: Vec::new(),
             current: Scope::default(),

@@ -587,8 +587,12 @@ impl Checker<'_> {
             return false;
         }
         let var = self.var(root).clone();
-        if var.open_input {
-            let message = format!("`{}` is an input (AT %I*) and cannot be written", var.name);
+        // A located string is written where it stands: by what reads it from the image.
+        if var.open_input && place.span != var.span {
+            let message = format!(
+                "`{}` is located at an input and cannot be written",
+                var.name
+            );
             self.report(Problem::error("E317", span, message));
             return false;
         }

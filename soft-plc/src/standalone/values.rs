@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::{ENTRY, same};
+use crate::image;
 use crate::layout::{TypeNode, VariableInfo};
 use crate::runtime::Instance;
 use crate::source::Span;
@@ -212,6 +213,7 @@ pub fn write(instance: &mut Instance, info: &VariableInfo, text: &str) -> Result
     if let TypeNode::Text { .. } = &*info.ty {
         let inner = text.trim_matches(['\'', '"']);
         instance.write_text(info, inner);
+        write_to_image(instance, info, inner);
         return Ok(());
     }
     let Some(elem) = info.ty.elem() else {
@@ -236,4 +238,25 @@ pub fn write(instance: &mut Instance, info: &VariableInfo, text: &str) -> Result
     instance
         .write_variable(info, value)
         .map_err(|e| e.to_string())
+}
+
+/// The characters of a located string in the image, which the program reads next.
+fn write_to_image(instance: &mut Instance, info: &VariableInfo, text: &str) {
+    let (owner, name) = info.path.rsplit_once('.').unwrap_or(("", &info.path));
+    let dot = if owner.is_empty() { "" } else { "." };
+    let image = format!("{owner}{dot}{}", image::characters_of(name));
+    let Some(image) = instance.layout().find(&image) else {
+        return;
+    };
+    let mut units = text.encode_utf16();
+    for index in 0.. {
+        let Some(unit) = image.element(&[index]) else {
+            break;
+        };
+        let value = Value::Uint(u64::from(units.next().unwrap_or(0)));
+        // What a STRING cannot hold is a question mark in the image too.
+        if instance.write_variable(&unit, value).is_err() {
+            let _ = instance.write_variable(&unit, Value::Uint(u64::from(b'?')));
+        }
+    }
 }

@@ -47,7 +47,9 @@ impl Parser<'_> {
             }
             count += 1;
             if count > CHAIN_MAX {
-                self.too_deep(left.span);
+                let message = format!("this is a chain of more than {CHAIN_MAX} operators");
+                let problem = Problem::error("E113", left.span, message);
+                self.report(problem.hint("split it into several statements"));
                 return Err(Stop);
             }
             self.advance();

@@ -4,7 +4,10 @@ use fam_soft_plc::Value;
 use fam_soft_plc::check::lint::lint;
 use fam_soft_plc::layout::Area;
 
-use crate::common::{Machine, typed};
+use fam_soft_plc::SourceFile;
+use fam_soft_plc::standalone::{self, Options};
+
+use crate::common::{Machine, show, typed};
 
 const PROGRAM: &str = "
 PROGRAM P
@@ -135,4 +138,52 @@ fn outputs_that_overlap_are_found_whichever_way_they_are_written() {
     assert_eq!(warnings(records, "a[i].n := 1; c := 1;"), 1);
     let levels = "a AT %QW1.2 : INT; b AT %QB261 : BYTE;";
     assert_eq!(warnings(levels, "a := 1; b := 2;"), 1);
+}
+
+const TEXTS: &str = "
+VAR_GLOBAL
+    recipe AT %IB10 : STRING[5];
+    answer AT %QB10 : STRING[5] := 'begin';
+    note AT %MB10 : WSTRING[3] := \"ab\";
+END_VAR
+PROGRAM P
+VAR_EXTERNAL recipe, answer : STRING[5]; note : WSTRING[3]; END_VAR
+VAR n : INT; END_VAR
+n := n + 1;
+IF n > 1 THEN answer := recipe; note := CONCAT(note, \"Ω\"); END_IF;
+IF n > 2 THEN RETURN; END_IF;
+END_PROGRAM
+";
+
+#[test]
+fn located_strings_lie_in_the_image_by_their_characters() {
+    let mut machine = Machine::new(TEXTS);
+    assert_eq!(
+        machine.instance.layout().initial_outputs[10..16],
+        *b"begin\0"
+    );
+    machine.scan();
+    assert_eq!(machine.instance.outputs()[10..16], *b"begin\0");
+    // Longer than it may be, without an end.
+    machine.instance.inputs_mut()[10..16].copy_from_slice(b"abcdef");
+    machine.scan();
+    assert_eq!(machine.instance.outputs()[10..16], *b"abcde\0");
+    machine.instance.inputs_mut()[10..16].copy_from_slice(b"xy\0zzz");
+    machine.scan();
+    assert_eq!(machine.instance.outputs()[10..16], *b"xy\0\0\0\0");
+    let note = standalone::find(&machine.instance, "note").expect("a variable");
+    assert_eq!(machine.instance.read_text(&note).as_deref(), Some("abΩ"));
+}
+
+#[test]
+fn a_table_of_inputs_sets_located_strings() {
+    let options = Options::default();
+    let prepared = standalone::prepare(&[SourceFile::new("t.st", TEXTS)], &options)
+        .unwrap_or_else(|d| panic!("{}", show(&d)));
+    let mut machine = Machine::of(&prepared.mc);
+    let recipe = standalone::find(&machine.instance, "recipe").expect("a variable");
+    standalone::write(&mut machine.instance, &recipe, "'A5'").expect("a text");
+    machine.scan();
+    machine.scan();
+    assert_eq!(machine.instance.outputs()[10..16], *b"A5\0\0\0\0");
 }

@@ -197,6 +197,12 @@ END_CONFIGURATION";
     let found = codes(text, Dialect::Standard);
     assert_eq!(found, ["W717 6", "W718 10", "W718 11", "W720 12"]);
     assert_eq!(codes(text, Dialect::Codesys), ["W720 12"]);
+
+    let twice = "PROGRAM P VAR c AT %Q* : BOOL; END_VAR c := NOT c; END_PROGRAM
+CONFIGURATION C RESOURCE R ON PLC PROGRAM p1 : P; PROGRAM p2 : P; END_RESOURCE
+VAR_CONFIG R.p1.c AT %QX0.0 : BOOL; R.p2.c AT %QX0.1 : BOOL; END_VAR
+END_CONFIGURATION";
+    assert_eq!(codes(twice, Dialect::Standard), Vec::<String>::new());
 }
 
 #[test]
