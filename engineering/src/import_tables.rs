@@ -142,6 +142,8 @@ impl<'a> Points<'a> {
     /// The point of a variable: its name, with that of its MC where the name means several addresses.
     fn name(&self, mc: &str, variable: &str) -> String {
         let of_name = self.0.get(&variable.to_ascii_uppercase());
+        // Of a located string the characters have points.
+        let variable = variable.trim_start_matches("__text_");
         if of_name.is_some_and(|addresses| addresses.len() > 1) {
             return format!("image:{}_{variable}", name_of(mc));
         }

@@ -8,7 +8,7 @@ use fam_proto::McId;
 use fam_proto::model::{
     FieldPoint, InputPoint, InputSource, ModbusTable, Number, OutputPoint, Place,
 };
-use fam_soft_plc::check::tree::{Location, Root, TypedProject, visit_places};
+use fam_soft_plc::check::tree::{Location, Root, TypedProject, Var, visit_places};
 use fam_soft_plc::diag::Diagnostic;
 use fam_soft_plc::image::{ImageScalar, scalars};
 use fam_soft_plc::types::{Elem, TypeId};
@@ -93,7 +93,9 @@ fn bits(place: Place) -> (u64, u64) {
 pub fn image(cell: &Cell, mc: &McSpec, logic: &Logic, problems: &mut Vec<Diagnostic>) -> Image {
     let typed = &logic.typed;
     let mut image = Image::default();
-    for var in typed.vars.iter().filter(|var| var.location.is_some()) {
+    // What lies at %M is the MC's own and part of its state.
+    let is_ours = |var: &&Var| var.location.is_some_and(|l| !l.memory);
+    for var in typed.vars.iter().filter(is_ours) {
         let scalars = scalars(typed, var);
         if scalars.is_empty() || scalars.len() > POINTS_MAX {
             let message = format!(
@@ -130,7 +132,9 @@ fn direct(
     let mut found: BTreeMap<Location, String> = BTreeMap::new();
     for pou in typed.pous.iter().filter(|p| !p.library) {
         visit_places(&pou.body, &mut |place| {
-            if let Root::Direct(location) = place.root {
+            if let Root::Direct(location) = place.root
+                && !location.memory
+            {
                 found.entry(location).or_insert_with(|| pou.name.clone());
             }
         });

@@ -3,12 +3,14 @@
 mod common;
 
 use common::two_stations;
+use fam_engineering::build::build_for;
 use fam_engineering::convert::write_files;
 use fam_engineering::generate::Target;
 use fam_engineering::output::files_of;
 use fam_engineering::plcopen::ordinary_project;
 use fam_engineering::{build, import, new_cell};
 use fam_proto::model::InputSource;
+use fam_soft_plc::layout::Area;
 use fam_soft_plc::source::SourceFile;
 use std::path::Path;
 
@@ -566,4 +568,43 @@ fn ladders_and_charts_go_from_import_to_projects_as_they_were_drawn() {
             .iter()
             .any(|v| v.path.eq_ignore_ascii_case("Rounds.Goes.X"))
     );
+}
+
+/// Markers are part of the state: what lies at %M survives its controller like every other variable.
+#[test]
+fn what_lies_in_marker_memory_is_part_of_the_state() {
+    let text = "
+VAR_GLOBAL shared AT %MW20 : INT; END_VAR
+PROGRAM P
+VAR_EXTERNAL shared : INT; END_VAR
+VAR
+    go AT %IX0.0 : BOOL; level AT %MW2 : INT; ready AT %MX0.3 : BOOL;
+    recipe AT %MB30 : STRING[6]; name AT %IB8 : STRING[3]; n : INT;
+END_VAR
+level := level + 1; shared := level; ready := go; n := shared + BYTE_TO_INT(%MB60); recipe := name;
+END_PROGRAM
+CONFIGURATION C RESOURCE R ON PLC
+    TASK t(INTERVAL := T#10ms, PRIORITY := 1);
+    PROGRAM One WITH t : P;
+END_RESOURCE END_CONFIGURATION";
+    let files = import::model(&[SourceFile::new("plant.st", text)], "plant.aml")
+        .unwrap_or_else(|p| panic!("{p}"));
+    let dir = tempfile::tempdir().unwrap();
+    write_files(&files, dir.path()).unwrap();
+    let model = dir.path().join("plant.aml");
+    let built = build(&model).unwrap_or_else(|p| panic!("{p}"));
+    let layout = &built.mcs[0].compiled.layout;
+    let state = layout.region_index("state").map(Area::Region);
+    for variable in ["P.level", "P.ready", "P.recipe", "P.n", "shared"] {
+        let found = layout.find(variable).map(|v| v.area);
+        assert_eq!(found, state, "{variable}");
+    }
+    // The image of inputs is read anew wherever the MC runs.
+    let points: Vec<&String> = built.model.mcs[0].inputs.iter().map(|i| &i.name).collect();
+    assert_eq!(points.len(), 5, "{points:?}");
+    let refused = build_for(&model, Target::Portable)
+        .map(|_| ())
+        .unwrap_err()
+        .to_string();
+    assert!(refused.contains("it lies at %M"), "{refused}");
 }

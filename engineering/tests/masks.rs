@@ -168,6 +168,7 @@ fn program(engine: &Engine, conditions: Vec<String>) -> Program {
             name: "state".into(),
             programs: vec!["M".into()],
             globals: vec!["g".into()],
+            markers: false,
         }],
         ..CompileSpec::default()
     };

@@ -24,10 +24,10 @@ pub struct ImageScalar {
     pub location: Location,
 }
 
-/// The scalars of a located variable in the order of their places. Empty if it is not located.
+/// The scalars of a variable at inputs or outputs in the order of their places. Empty if it lies elsewhere.
 pub fn scalars(project: &TypedProject, var: &Var) -> Vec<ImageScalar> {
     let mut list = Vec::new();
-    if let Some(location) = var.location {
+    if let Some(location) = var.location.filter(|l| !l.memory) {
         let first = u64::from(location.byte) * BYTE + u64::from(location.bit.unwrap_or(0));
         add_scalars(
             project,

@@ -22,13 +22,16 @@ pub struct CompileSpec {
     pub output_bytes_min: u32,
 }
 
-/// A region: programs, then global variables, contiguous and in this order. What is named in no region goes to the last one, `work`.
+/// A region: programs, then global variables, then `%M` if it has the markers, contiguous and in this order. What is named in no
+/// region goes to the last one, `work`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RegionSpec {
     pub name: String,
     pub programs: Vec<String>,
     pub globals: Vec<String>,
+    /// Whether the variables at `%M` lie here.
+    pub markers: bool,
 }
 
 /// Name of the region that holds what no specification names.

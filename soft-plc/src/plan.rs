@@ -96,10 +96,9 @@ impl Plan {
             .filter(|g| !regions.iter().any(|r| r.1.contains(g)))
             .collect();
         lens.push(builder.region(regions.len(), &work_programs, &work_globals));
-        let markers = builder.markers(&reachable, lens[0]);
-        if let Some(end) = markers.1 {
-            lens[0] = end;
-        }
+        let region = spec.regions.iter().position(|r| r.markers);
+        let region = region.unwrap_or(spec.regions.len());
+        let markers = builder.markers(&reachable, region, &mut lens[region]);
         let (inputs_len, outputs_len) = builder.image(&reachable, spec, problems);
 
         builder.assemble(
@@ -109,7 +108,7 @@ impl Plan {
             &lens,
             inputs_len,
             outputs_len,
-            markers.0,
+            (region, markers),
             problems,
         )
     }
@@ -327,11 +326,10 @@ impl Builder<'_> {
         })
     }
 
-    /// Places `%M` variables behind what the first region holds; answers where they begin, and the new end of the region
-    /// if there are any.
-    fn markers(&mut self, reachable: &[bool], end: u64) -> (u64, Option<u64>) {
+    /// Places `%M` variables behind what the region holds, which grows by them; answers where they begin.
+    fn markers(&mut self, reachable: &[bool], region: usize, end: &mut u64) -> u64 {
         let project = self.project;
-        let start = round_up(end, 8);
+        let start = round_up(*end, 8);
         let mut len = 0;
         for index in 0..project.vars.len() as u32 {
             let id = VarId(index);
@@ -343,7 +341,7 @@ impl Builder<'_> {
                 continue;
             }
             len = len.max(u64::from(location.byte) + self.image_bytes(var));
-            self.place(id, Area::Region(0), start + u64::from(location.byte));
+            self.place(id, Area::Region(region), start + u64::from(location.byte));
         }
         for (index, pou) in project.pous.iter().enumerate() {
             if reachable[index] {
@@ -354,7 +352,10 @@ impl Builder<'_> {
                 }
             }
         }
-        (start, (len > 0).then(|| round_up(start + len, 8)))
+        if len > 0 {
+            *end = round_up(start + len, 8);
+        }
+        start
     }
 
     /// Places located variables; answers the lengths of inputs and outputs.
@@ -491,7 +492,7 @@ impl Builder<'_> {
         lens: &[u64],
         inputs_len: u64,
         outputs_len: u64,
-        markers: u64,
+        (markers_in, markers): (usize, u64),
         problems: &mut Vec<Problem>,
     ) -> Option<Plan> {
         let project = self.project;
@@ -584,7 +585,7 @@ impl Builder<'_> {
             initial,
             initial_outputs,
         };
-        let markers_at = layout.regions.first().map_or(0, |r| r.offset) + markers as u32;
+        let markers_at = layout.regions.get(markers_in).map_or(0, |r| r.offset) + markers as u32;
         Some(Plan {
             markers_at,
             layout,

@@ -267,6 +267,7 @@ fn spec(mc: &McSpec, logic: &Logic, with_control: bool, has_state: bool) -> Comp
             .iter()
             .map(|id| logic.typed.var(*id).name.clone())
             .collect(),
+        markers: true,
     };
     if !with_control {
         return CompileSpec {
@@ -283,6 +284,7 @@ fn spec(mc: &McSpec, logic: &Logic, with_control: bool, has_state: bool) -> Comp
         } else {
             Vec::new()
         },
+        markers: false,
     };
     CompileSpec {
         entry: names.control,
@@ -312,7 +314,8 @@ fn back(
     let narrowed = narrowed(cell, mc, &layout, state_index, problems);
     let anywhere = |path: &str| -> Option<(u32, Elem)> {
         let found = layout.find(path)?;
-        (found.area == Area::Region(state_index)).then_some(())?;
+        // A bit at %MX shares its byte with others, which no mask could tell apart.
+        (found.area == Area::Region(state_index) && found.bit.is_none()).then_some(())?;
         Some((found.offset, found.ty.elem()?))
     };
     let in_state = |path: &str| anywhere(path).filter(|(offset, _)| !narrowed.contains(*offset));

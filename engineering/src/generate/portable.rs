@@ -9,7 +9,7 @@
 //! character, a date as the time from the first one. Charts, diagrams that remember and edges of inputs have become plain statements
 //! before (`fam_soft_plc::plain`), their memory variables. What means nothing elsewhere (addresses) is an error that names it.
 
-use fam_soft_plc::check::tree::{TypedProject, VarId};
+use fam_soft_plc::check::tree::{TypedProject, Var, VarId};
 use fam_soft_plc::syntax::ast::VarSection;
 use fam_soft_plc::types::{Elem, TypeId, TypeKind};
 use std::collections::{BTreeMap, BTreeSet};
@@ -45,6 +45,7 @@ mod hints {
     pub const MADE: &str =
         "write its POU in plain Structured Text; or generate with `--target fam`";
     pub const ADDRESS: &str = "keep the index of what is meant instead of a reference to it; or generate with `--target fam`";
+    pub const MARKER: &str = "declare it without an address; or generate with `--target fam`, whose checkpoints hold all of %M";
     pub const OTHER: &str = "give it an elementary type, or an array or structure of such; or generate with `--target fam`";
 }
 
@@ -68,6 +69,7 @@ pub fn statements(
     state: &str,
     memory: Memory<'_>,
 ) -> Result<Statements, PortableError> {
+    refuse_markers(project, programs)?;
     let mut writer = Writer {
         project,
         state,
@@ -91,7 +93,9 @@ pub fn statements(
         let name = project.pou(pou).name.clone();
         for var in project.pou(pou).vars.clone() {
             let var = project.var(var);
-            if is_kept(var.section) && !var.constant && var.location.is_none() {
+            // A located string is read from its input before the program runs.
+            let is_input = var.open_input;
+            if is_kept(var.section) && !var.constant && var.location.is_none() && !is_input {
                 writer.walk(&Path::root(&format!("{name}.{}", var.name)), var.ty)?;
             }
         }
@@ -109,6 +113,22 @@ pub fn statements(
         out.temps.push((counter(depth), "DINT"));
     }
     Ok(out)
+}
+
+/// What lies at %M has its place in the image, bits side by side, and none in the state that is written variable by variable.
+fn refuse_markers(project: &TypedProject, programs: &[String]) -> Result<(), PortableError> {
+    let is_marker = |var: &&Var| {
+        let mut programs = programs.iter().filter_map(|p| project.find_pou(p));
+        var.location.is_some_and(|l| l.memory) && var.owner.is_none_or(|o| programs.any(|p| p == o))
+    };
+    match project.vars.iter().find(is_marker) {
+        Some(var) => Err(PortableError {
+            path: var.name.clone(),
+            why: "it lies at %M".into(),
+            hint: hints::MARKER,
+        }),
+        None => Ok(()),
+    }
 }
 
 fn is_kept(section: VarSection) -> bool {

@@ -97,6 +97,7 @@ pub fn spec(mc: &BuiltMc) -> CompileSpec {
             name: region.to_owned(),
             programs,
             globals,
+            markers: region == "state",
         }
     };
     CompileSpec {

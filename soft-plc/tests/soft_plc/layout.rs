@@ -35,11 +35,13 @@ fn state_spec() -> CompileSpec {
                 name: "state".into(),
                 programs: vec!["M1".into(), "m2".into()],
                 globals: vec!["g2".into()],
+                markers: false,
             },
             RegionSpec {
                 name: "retained".into(),
                 programs: vec![],
                 globals: vec!["kept".into()],
+                markers: false,
             },
         ],
         ..CompileSpec::default()
@@ -284,6 +286,7 @@ fn a_wrong_specification_is_explained() {
         name: name.into(),
         programs: programs.iter().map(|s| (*s).to_owned()).collect(),
         globals: globals.iter().map(|s| (*s).to_owned()).collect(),
+        markers: false,
     };
     for (entry, regions, message) in [
         ("X", vec![], "there is no program `X`"),

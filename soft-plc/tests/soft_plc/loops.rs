@@ -92,6 +92,7 @@ PROGRAM P S(); END_PROGRAM";
             name: "s".into(),
             programs: vec!["S".into()],
             globals: vec![],
+            markers: false,
         }],
         ..Default::default()
     };

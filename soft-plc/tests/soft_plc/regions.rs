@@ -21,6 +21,7 @@ fn spec() -> CompileSpec {
             name: "state".into(),
             programs: vec!["MC1".into()],
             globals: vec![],
+            markers: false,
         }],
         ..CompileSpec::default()
     }
