@@ -166,6 +166,7 @@ fn read(
             from_len: old.initial_checkpoint.len(),
             copies: kept.copies,
             zeros: kept.zeros,
+            bits: kept.bits,
         };
         ready.versions.push((
             index,

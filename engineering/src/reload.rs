@@ -202,6 +202,8 @@ pub struct KeptRanges {
     pub copies: Vec<(Range<usize>, usize)>,
     /// Ranges of the new one that are zero: behind the end of a shorter string.
     pub zeros: Vec<Range<usize>>,
+    /// BOOLs at %MX, which share their bytes: byte and mask of the old one, byte and mask of the new one.
+    pub bits: Vec<((usize, u8), (usize, u8))>,
 }
 
 impl KeptRanges {
@@ -325,6 +327,12 @@ fn same_type(a: &TypeNode, b: &TypeNode) -> bool {
     }
 }
 
+/// Whether the value of one variable can go to the other.
+fn fits(from: &VariableInfo, to: &VariableInfo) -> bool {
+    // Of arrays of bits the first has to be the same one of its byte.
+    same_type(&from.ty, &to.ty) && (from.bit == to.bit || to.ty.elem() == Some(Elem::Bool))
+}
+
 /// What becomes of the state of an MC.
 #[must_use]
 pub fn state_change(old: &BuiltMc, new: &BuiltMc) -> StateChange {
@@ -338,7 +346,7 @@ pub fn state_change(old: &BuiltMc, new: &BuiltMc) -> StateChange {
         let key = key(variable);
         match before.get(&key) {
             None => change.new.push(variable.path.clone()),
-            Some(old) if same_type(&old.ty, &variable.ty) => {
+            Some(old) if fits(old, variable) => {
                 if holds_address(&variable.ty) && !change.same_layout {
                     change.references.push(variable.path.clone());
                 } else {
@@ -394,13 +402,27 @@ pub fn kept_ranges(old: &BuiltMc, new: &BuiltMc) -> KeptRanges {
     };
     for variable in state_of(new) {
         if let Some(source) = before.get(&key(variable))
-            && same_type(&source.ty, &variable.ty)
+            && fits(source, variable)
         {
-            kept.value(
-                (&source.ty, place(old.control.state.start, source)),
-                (&variable.ty, place(new.control.state.start, variable)),
-                same_layout,
+            let (from, to) = (
+                place(old.control.state.start, source),
+                place(new.control.state.start, variable),
             );
+            match (source.bit, variable.bit) {
+                (None, None) => {}
+                (bit, to_bit) if variable.ty.elem() == Some(Elem::Bool) => {
+                    // One that does not share its byte is 0 or 1.
+                    let mask = |bit: Option<u8>| 1 << bit.unwrap_or(0);
+                    kept.bits
+                        .push(((from.start, mask(bit)), (to.start, mask(to_bit))));
+                    continue;
+                }
+                _ => {
+                    kept.copy(from, to.start);
+                    continue;
+                }
+            }
+            kept.value((&source.ty, from), (&variable.ty, to), same_layout);
         }
     }
     kept
@@ -437,6 +459,11 @@ pub fn carry_over(old: &BuiltMc, new: &BuiltMc, checkpoint: &[u8]) -> Result<Vec
         let target = carried.get_mut(to..to + range.len());
         if let (Some(bytes), Some(target)) = (checkpoint.get(range), target) {
             target.copy_from_slice(bytes);
+        }
+    }
+    for ((from, mask), (to, to_mask)) in kept.bits {
+        if let (Some(byte), Some(target)) = (checkpoint.get(from), carried.get_mut(to)) {
+            *target = *target & !to_mask | if byte & mask == 0 { 0 } else { to_mask };
         }
     }
     if let Some(interval) = new.diagnosis.critical_interval(&carried) {

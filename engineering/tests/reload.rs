@@ -202,6 +202,52 @@ fn strings_and_dates_are_carried_over() {
     assert_eq!(told, ["M.s", "M.short"]);
 }
 
+/// Bits at %MX share their bytes: each goes to its own new place, and leaves its neighbours alone.
+#[test]
+fn markers_are_carried_over_bit_by_bit() {
+    let logic = |a: &str, b: &str, c: &str, more: &str| {
+        format!(
+            "PROGRAM M\nVAR {more} a AT {a} : BOOL; b AT {b} : BOOL; c {c} : BOOL := TRUE; w AT %MW4 : INT; f AT %MX12.0 : ARRAY[0..4] OF BOOL; \
+             g AT %MX14.2 : ARRAY[0..2] OF BOOL; n : INT; END_VAR\n\
+             IF n = 0 THEN a := TRUE; b := FALSE; c := FALSE; w := -7; f[1] := TRUE; f[4] := TRUE; g[0] := TRUE; END_IF;\nn := n + 1;\nEND_PROGRAM\n"
+        )
+    };
+    let old_text = logic("%MX0.0", "%MX0.1", "AT %MX0.2", "");
+    let new_text = logic(
+        "%MX0.6",
+        "%MX1.0",
+        "",
+        "first : LREAL; d AT %MX0.0 : BOOL; e AT %MX1.1 : BOOL := TRUE;",
+    )
+    .replace("%MX14.2", "%MX14.3");
+    let [old, new] = versions(&old_text, &new_text);
+    let told: Vec<String> = state_change(&old, &new)
+        .retyped
+        .iter()
+        .map(|(p, ..)| p.clone())
+        .collect();
+    // Its first bit is another one of its byte.
+    assert_eq!(told, ["M.g"]);
+    let before = run(&old, &old.initial_checkpoint, 1);
+    let carried = carry_over(&old, &new, before.region(old.checkpoint_region())).unwrap();
+    let after = run(&new, &carried, 1);
+    for (path, value) in [
+        ("M.a", Value::Bool(true)),
+        ("M.b", Value::Bool(false)),
+        ("M.c", Value::Bool(false)),
+        ("M.d", Value::Bool(false)),
+        ("M.e", Value::Bool(true)),
+        ("M.w", Value::Int(-7)),
+        ("M.f[0]", Value::Bool(false)),
+        ("M.f[1]", Value::Bool(true)),
+        ("M.f[4]", Value::Bool(true)),
+        ("M.g[0]", Value::Bool(false)),
+        ("M.n", Value::Int(2)),
+    ] {
+        assert_eq!(after.read(path), Some(value), "{path}");
+    }
+}
+
 /// An instance knows of which function block it is by a number that another version may use for another one.
 #[test]
 fn derived_blocks_and_references_stay_those_of_the_new_version() {

@@ -16,6 +16,8 @@ pub struct Carry {
     pub copies: Vec<(Range<usize>, usize)>,
     /// Ranges of the new checkpoint that are zero before that: what lies behind a string that was shorter.
     pub zeros: Vec<Range<usize>>,
+    /// Bits that share their bytes with others: byte and mask in the old checkpoint, byte and mask in the new one.
+    pub bits: Vec<((usize, u8), (usize, u8))>,
 }
 
 impl Carry {
@@ -41,6 +43,11 @@ impl Carry {
             let target = state.get_mut(*at..*at + range.len());
             if let (Some(source), Some(target)) = (source, target) {
                 target.copy_from_slice(source);
+            }
+        }
+        for ((from, mask), (at, to_mask)) in &self.bits {
+            if let (Some(byte), Some(target)) = (checkpoint.state.get(*from), state.get_mut(*at)) {
+                *target = *target & !to_mask | if byte & mask == 0 { 0 } else { *to_mask };
             }
         }
         match to.diagnosis.critical_interval(&state) {

@@ -552,6 +552,7 @@ fn a_new_version_goes_on_from_the_state_that_the_old_one_released() {
                 from_len: old.initial.len(),
                 copies: vec![(0..old.initial.len(), 0)],
                 zeros: Vec::new(),
+                bits: Vec::new(),
             },
             spec: Arc::new(new),
             runtime: ModelMc::new(more),
