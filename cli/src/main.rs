@@ -5,6 +5,7 @@ mod bench;
 mod chain;
 mod demo;
 mod engineering;
+mod free_port;
 mod io;
 mod logic;
 mod observe;

@@ -7,7 +7,6 @@ use anyhow::{Context, Result, bail};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use std::fs::File;
-use std::net::{SocketAddr, TcpListener};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -161,14 +160,4 @@ pub fn tail(log: &Path) -> String {
         .iter()
         .map(|l| format!("    {l}\n"))
         .collect()
-}
-
-/// A TCP address on loopback that nobody listens on at this moment.
-///
-/// # Errors
-/// If the system gives none.
-pub fn free_address() -> Result<SocketAddr> {
-    Ok(TcpListener::bind("127.0.0.1:0")
-        .context("no free TCP port on loopback")?
-        .local_addr()?)
 }

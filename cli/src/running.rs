@@ -1,7 +1,8 @@
 //! A cell made of real processes on loopback, for the demo and the benchmarks: one plant, one gateway, one manager, and
 //! controller nodes that come and go. All endpoints are free ports, so that several can run beside each other.
 
-use crate::processes::{Process, free_address};
+use crate::free_port::free_address;
+use crate::processes::Process;
 use anyhow::{Context, Result, anyhow};
 use nix::sys::signal::Signal;
 use std::collections::BTreeMap;

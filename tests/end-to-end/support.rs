@@ -2,8 +2,10 @@
 
 #![allow(dead_code)] // each test binary uses a part of this
 
+#[path = "../../cli/src/free_port.rs"]
+mod free_port;
+
 use std::io::{BufRead, BufReader, Read};
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::RecvTimeoutError;
@@ -140,11 +142,7 @@ impl Drop for Fam {
 
 /// A port that nobody listens on.
 pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port()
+    free_port::free_address().unwrap().port()
 }
 
 /// Waits until a check gives a value.
