@@ -41,13 +41,13 @@ pub fn load(
         return None; // reported with the model
     }
     let mut sources = read_files(cell, mc, files, problems)?;
-    let (mut project, found) = parse_project(&sources);
+    let (project, found) = parse_project(&sources);
     let failed = found.iter().any(|d| d.severity == Severity::Error);
     problems.extend(found);
     if failed {
         return None;
     }
-    let typed = match check(&project, CheckOptions::default()) {
+    let mut typed = match check(project, CheckOptions::default()) {
         Ok(typed) => typed,
         Err(found) => {
             problems.extend(found);
@@ -58,7 +58,7 @@ pub fn load(
     // In the order in which the engineer declared them, whatever becomes of the charts: their places in the state depend on it.
     let programs = programs(cell, mc, &typed, problems)?;
     if target == Target::Portable
-        && let Some(plain) = plain(&project, &typed, &sources)
+        && let Some(plain) = plain(&typed.syntax, &typed, &sources)
     {
         sources = plain;
         let (read, found) = parse_project(&sources);
@@ -66,20 +66,16 @@ pub fn load(
             problems.extend(found);
             return None;
         }
-        project = read;
+        typed = match check(read, CheckOptions::default()) {
+            Ok(typed) => typed,
+            Err(found) => {
+                problems.extend(found);
+                return None;
+            }
+        };
     }
     // The logic keeps to the standard; conditions and checkpoint states may name what is internal to instances.
-    let inside = CheckOptions {
-        allow_internal_access: true,
-        ..CheckOptions::default()
-    };
-    let typed = match check(&project, inside) {
-        Ok(typed) => typed,
-        Err(found) => {
-            problems.extend(found);
-            return None;
-        }
-    };
+    typed.options.allow_internal_access = true;
     reserved_names(cell, mc, &typed, problems);
     actions(cell, mc, &typed, problems);
     let state_globals = typed

@@ -19,7 +19,7 @@ pub fn diagnose(files: &[SourceFile], options: CheckOptions) -> Vec<Diagnostic> 
     let (project, mut all) = parse_project(files);
     let broken = all.iter().any(|d| d.severity == Severity::Error);
     let broken_pous: BTreeSet<String> = all.iter().filter_map(|d| d.pou.clone()).collect();
-    match check(&project, options) {
+    match check(project, options) {
         Err(found) if broken => all.extend(found.into_iter().filter(|d| {
             !CONSEQUENCES.contains(&d.code.as_str())
                 && d.pou.as_ref().is_none_or(|p| !broken_pous.contains(p))

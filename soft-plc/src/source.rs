@@ -1,6 +1,7 @@
 //! Source texts and positions in them: which file, which line, which column.
 
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// One file of a project: Structured Text or PLCopen XML, recognised by its content.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -114,10 +115,10 @@ impl Source {
     }
 }
 
-/// All texts of a project.
+/// All texts of a project; copies share them.
 #[derive(Clone, Debug, Default)]
 pub struct Sources {
-    list: Vec<Source>,
+    list: Vec<Arc<Source>>,
 }
 
 impl Sources {
@@ -128,7 +129,7 @@ impl Sources {
     /// A text that stands at the given line and column of the file `name`.
     pub fn add_part(&mut self, name: &str, text: &str, line: u32, column: u32) -> u32 {
         let source = Source::new(name.to_owned(), text.to_owned(), line, column);
-        self.list.push(source);
+        self.list.push(Arc::new(source));
         self.list.len() as u32 - 1
     }
 

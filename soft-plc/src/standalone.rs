@@ -51,7 +51,7 @@ pub fn prepare(files: &[SourceFile], options: &Options) -> Result<Prepared, Vec<
         return Err(diagnostics);
     }
     let cycle_ns = add_entry(&mut project, options.program.as_deref())?;
-    let mut typed = check(&project, options.check)?;
+    let mut typed = check(project, options.check)?;
     let spec = CompileSpec {
         entry: ENTRY.to_owned(),
         ..CompileSpec::default()
@@ -84,7 +84,7 @@ fn add_entry(project: &mut Project, only: Option<&str>) -> Result<i64, Vec<Diagn
         let found = project
             .pous
             .iter()
-            .chain(&project.library)
+            .chain(project.library.iter())
             .find(|p| same(&p.name.name, name))
             .cloned();
         match found {

@@ -454,6 +454,6 @@ pub fn compile_sources(
         allow_internal_access: true,
         ..CheckOptions::default()
     };
-    let typed = check(&project, options)?;
+    let typed = check(project, options)?;
     compile(&typed, spec)
 }

@@ -21,14 +21,14 @@ pub fn check_expression(
     file: &str,
     text: &str,
 ) -> Result<Expr, Vec<Diagnostic>> {
-    let mut syntax = project.syntax.clone();
+    let syntax = &project.syntax;
     let mut sources = (*syntax.sources).clone();
     let source = sources.add(file, text);
     let sources = Arc::new(sources);
-    syntax.sources = sources.clone();
     let parsed = parse_whole_expression(source, text, 0).map_err(|p| finish_all(p, &sources))?;
 
-    let mut checker = Checker::new(&syntax, project.options);
+    let mut checker = Checker::new(syntax, project.options);
+    checker.sources = sources.clone();
     checker.collect();
     // The declarations have been checked; their results are taken over.
     checker.types = project.types.clone();

@@ -31,7 +31,7 @@ impl<'p> Checker<'p> {
                 self.claim(&decl.name, Declared::Global(b, d));
             }
         }
-        for pou in &project.library {
+        for pou in project.library.iter() {
             if !self.names.contains_key(&key(&pou.name.name)) {
                 let id = PouId(self.pous.len() as u32);
                 self.names.insert(key(&pou.name.name), Declared::Pou(id));

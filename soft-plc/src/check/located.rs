@@ -81,7 +81,7 @@ impl Checker<'_> {
         if self.current.assigned == Some(place.span) || !self.is_image(place) {
             return true;
         }
-        let text = self.project.sources.slice(place.span).to_owned();
+        let text = self.sources.slice(place.span).to_owned();
         self.report(
             Problem::error(
                 "E324",

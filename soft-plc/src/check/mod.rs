@@ -31,9 +31,10 @@ mod types;
 pub mod visit;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use crate::diag::{Diagnostic, Fallible, Problem, Severity, finish_all};
-use crate::source::Span;
+use crate::source::{Sources, Span};
 use crate::syntax::ast::Project;
 use crate::types::{InterfaceId, TypeId, TypeTable};
 use tree::{Pou, PouId, TypedProject, Var, VarId};
@@ -60,12 +61,24 @@ pub enum Dialect {
 }
 
 /// Checks the project. Errors come together, in the order of the text; warnings go with the typed tree.
-pub fn check(project: &Project, options: CheckOptions) -> Result<TypedProject, Vec<Diagnostic>> {
-    let mut checker = Checker::new(project, options);
+///
+/// The typed tree keeps the project, so that conditions can be checked against it later.
+pub fn check(
+    project: impl Into<Arc<Project>>,
+    options: CheckOptions,
+) -> Result<TypedProject, Vec<Diagnostic>> {
+    let project = project.into();
+    let mut checker = Checker::new(&project, options);
     checker.collect();
     checker.declare_all();
     checker.check_bodies();
-    checker.finish()
+    checker.finish(project.clone())
+}
+
+impl From<&Project> for Arc<Project> {
+    fn from(project: &Project) -> Self {
+        Arc::new(project.clone())
+    }
 }
 
 /// The declared names that stand outside POUs.
@@ -88,6 +101,8 @@ enum Progress {
 
 struct Checker<'p> {
     project: &'p Project,
+    /// The project's texts; a condition's checker knows the condition's, too.
+    sources: Arc<Sources>,
     options: CheckOptions,
     types: TypeTable,
     vars: Vec<Var>,
@@ -148,6 +163,7 @@ impl<'p> Checker<'p> {
     fn new(project: &'p Project, options: CheckOptions) -> Self {
         Self {
             project,
+            sources: project.sources.clone(),
             options,
             types: TypeTable::default(),
             vars: Vec::new(),
@@ -205,24 +221,23 @@ impl<'p> Checker<'p> {
         }
     }
 
-    fn finish(mut self) -> Result<TypedProject, Vec<Diagnostic>> {
+    fn finish(mut self, syntax: Arc<Project>) -> Result<TypedProject, Vec<Diagnostic>> {
         self.refuse_recursion();
         let has_errors = self.problems.iter().any(|p| p.severity == Severity::Error);
-        let sources = self.project.sources.clone();
-        let diagnostics = finish_all(self.problems, &sources);
+        let diagnostics = finish_all(self.problems, &self.sources);
         if has_errors {
             return Err(diagnostics);
         }
         let globals = self.globals.values().filter_map(|(_, id)| *id).collect();
         Ok(TypedProject {
-            sources,
+            sources: self.sources,
             types: self.types,
             vars: self.vars,
             pous: self.pous,
             globals,
             interfaces: self.interfaces,
             warnings: diagnostics,
-            syntax: self.project.clone(),
+            syntax,
             options: self.options,
         })
     }

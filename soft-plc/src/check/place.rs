@@ -259,7 +259,7 @@ impl Checker<'_> {
             _ => {
                 let message = format!(
                     "`{}` is {} and has no fields",
-                    self.project.sources.slice(place.span),
+                    self.sources.slice(place.span),
                     self.type_name(place.ty)
                 );
                 self.report(
@@ -334,7 +334,7 @@ impl Checker<'_> {
         let Some(to) = self.types.pointee(place.ty) else {
             let message = format!(
                 "`{}` is {} and no reference",
-                self.project.sources.slice(place.span),
+                self.sources.slice(place.span),
                 self.type_name(place.ty)
             );
             self.report(Problem::error("E322", span, message).expected("a variable of REF_TO"));
@@ -440,7 +440,7 @@ impl Checker<'_> {
         let TypeKind::Array { dims, elem } = self.types.kind(place.ty).clone() else {
             let message = format!(
                 "`{}` is {} and cannot be indexed",
-                self.project.sources.slice(place.span),
+                self.sources.slice(place.span),
                 self.type_name(place.ty)
             );
             self.report(Problem::error("E314", span, message).expected("an array"));

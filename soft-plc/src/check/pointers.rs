@@ -60,7 +60,7 @@ impl Checker<'_> {
             _ => {}
         }
         if let Some(why) = problem {
-            let text = self.project.sources.slice(place.span).to_owned();
+            let text = self.sources.slice(place.span).to_owned();
             let message = format!("there is no pointer to `{text}`: {why}");
             let hint = match last {
                 Some(StepKind::Char(_)) => "take the address of the string and add to it",

@@ -414,7 +414,7 @@ impl Checker<'_> {
             _ => {}
         }
         if let Some(why) = problem {
-            let text = self.project.sources.slice(place.span).to_owned();
+            let text = self.sources.slice(place.span).to_owned();
             self.report(
                 Problem::error(
                     "E319",

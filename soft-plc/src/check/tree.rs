@@ -31,8 +31,9 @@ pub struct TypedProject {
     pub globals: Vec<VarId>,
     pub interfaces: Vec<Interface>,
     pub warnings: Vec<Diagnostic>,
-    pub(crate) syntax: Project,
-    pub(crate) options: CheckOptions,
+    /// What it was made from: conditions are checked against it.
+    pub syntax: Arc<Project>,
+    pub options: CheckOptions,
 }
 
 impl TypedProject {

@@ -21,7 +21,7 @@ pub struct Project {
     pub globals: Vec<VarBlock>,
     pub configurations: Vec<Configuration>,
     /// POUs of the built-in library (timers, counters, edges); a project's own POU of the same name takes precedence.
-    pub library: Vec<Pou>,
+    pub library: Arc<Vec<Pou>>,
     pub interfaces: Vec<Interface>,
     /// Namespaces as they are declared. What stands in one has its path before its name: `Space.Inner.Name`.
     pub namespaces: Vec<Namespace>,

@@ -87,7 +87,7 @@ fn is_within(path: &str, space: &str) -> bool {
 }
 
 impl Parser<'_> {
-    pub fn file(&mut self, project: &mut Project, library: bool) {
+    pub fn file(&mut self, project: &mut Project) {
         loop {
             let before = self.position();
             let declared = Declared::of(project);
@@ -97,14 +97,14 @@ impl Parser<'_> {
                     self.advance();
                     continue;
                 }
-                Tok::Kw(Kw::Program) => self.pou(PouKind::Program, project, library),
-                Tok::Kw(Kw::Function) => self.pou(PouKind::Function, project, library),
-                Tok::Kw(Kw::FunctionBlock) => self.pou(PouKind::FunctionBlock, project, library),
+                Tok::Kw(Kw::Program) => self.pou(PouKind::Program, project),
+                Tok::Kw(Kw::Function) => self.pou(PouKind::Function, project),
+                Tok::Kw(Kw::FunctionBlock) => self.pou(PouKind::FunctionBlock, project),
                 Tok::Kw(Kw::Type) => self.type_block(project),
                 Tok::Kw(Kw::VarGlobal) => self.var_block().map(|block| project.globals.push(block)),
                 Tok::Kw(Kw::Configuration) => self.configuration(project),
                 Tok::Ident if self.at_word("CLASS") => {
-                    self.pou(PouKind::FunctionBlock, project, library)
+                    self.pou(PouKind::FunctionBlock, project)
                 }
                 Tok::Ident if self.at_word("INTERFACE") => self.interface(project),
                 Tok::Ident if self.at_word("NAMESPACE") => self.namespace(project),
@@ -347,7 +347,7 @@ impl Parser<'_> {
         }
     }
 
-    fn pou(&mut self, kind: PouKind, project: &mut Project, library: bool) -> Parsed<()> {
+    fn pou(&mut self, kind: PouKind, project: &mut Project) -> Parsed<()> {
         let opener = self.advance();
         let end = match kind {
             PouKind::Program => Kw::EndProgram,
@@ -390,11 +390,7 @@ impl Parser<'_> {
             self.unclosed(kind, &pou.name, opener, end);
         }
         pou.place = opener.to(self.last_span());
-        if library {
-            project.library.push(pou);
-        } else {
-            project.pous.push(pou);
-        }
+        project.pous.push(pou);
         if closed { Ok(()) } else { Err(Stop) }
     }
 

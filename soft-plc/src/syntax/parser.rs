@@ -33,9 +33,9 @@ pub struct Parser<'a> {
 }
 
 /// Parses a whole `.st` text into `project`.
-pub fn parse_text(source: u32, text: &str, project: &mut Project, library: bool) -> Vec<Problem> {
+pub fn parse_text(source: u32, text: &str, project: &mut Project) -> Vec<Problem> {
     let mut parser = Parser::new(source, text, 0);
-    parser.file(project, library);
+    parser.file(project);
     parser.problems
 }
 
@@ -47,7 +47,7 @@ pub fn parse_declarations(
     project: &mut Project,
 ) -> Vec<Problem> {
     let mut parser = Parser::new(source, text, base);
-    parser.file(project, false);
+    parser.file(project);
     parser.problems
 }
 
