@@ -18,6 +18,7 @@ mod serve;
 mod simulate;
 mod soak;
 mod status;
+mod supervised;
 mod tests_of_logic;
 mod up;
 mod watch;

@@ -1,15 +1,15 @@
-//! `fam up`: all processes of a deployment, until Ctrl-C.
+//! `fam up`: all processes of a deployment, looked after until Ctrl-C.
 
 use crate::args::UpArgs;
-use crate::processes::Process;
-use anyhow::{Context, Result, bail};
+use crate::supervised::{Start, Supervised};
+use anyhow::{Context, Result};
 use fam_engineering::deployment::{Deployment, DeploymentFile, LogFormat};
 use std::time::Duration;
 
 /// Starts everything and looks after it.
 ///
 /// # Errors
-/// If the deployment is wrong, a process cannot be started, or one ends by itself.
+/// If the deployment is wrong, or a process cannot be started or ends at once.
 pub async fn run(args: &UpArgs) -> Result<()> {
     let file = DeploymentFile::read(&args.deployment)?;
     let model = fam_engineering::build(&file.cell())?.model;
@@ -20,15 +20,20 @@ pub async fn run(args: &UpArgs) -> Result<()> {
             deployment.run_dir.display()
         )
     })?;
-    let mut processes = start(&deployment)?;
+    let mut processes = Supervised::start(starts(&deployment), &deployment.run_dir)?;
     println!(
-        "cell {} is up: {} processes, logs in {}. `fam status --name {} --manager {}` shows it; Ctrl-C ends it.",
+        "cell {} is up, logs in {}. `fam status --name {} --manager {}` shows it; Ctrl-C ends it.",
         model.cell,
-        processes.len(),
         deployment.run_dir.display(),
         model.cell,
         deployment.manager.listen
     );
+    let running = processes.running();
+    let numbers: Vec<String> = running
+        .iter()
+        .map(|(name, pid)| format!("{name} {pid}"))
+        .collect();
+    println!("processes: {}", numbers.join(", "));
     let mut look = tokio::time::interval(Duration::from_millis(250));
     let end = fam_driver::termination();
     tokio::pin!(end);
@@ -38,34 +43,19 @@ pub async fn run(args: &UpArgs) -> Result<()> {
                 println!("{}: ending the cell", signal?);
                 break Ok(());
             }
-            _ = look.tick() => {
-                let mut dead = Vec::new();
-                for process in &mut processes {
-                    if let Some(status) = process.ended()? {
-                        dead.push(format!("{} ended by itself with {status}; the end of {}:\n{}", process.name(), process.log().display(), crate::processes::tail(process.log())));
-                    }
-                }
-                if !dead.is_empty() {
-                    break Err(anyhow::anyhow!("{}", dead.join("\n")));
-                }
-            }
+            _ = look.tick() => match processes.look() {
+                Ok(said) => said.iter().for_each(|line| println!("{line}")),
+                Err(error) => break Err(error),
+            },
         }
     };
     // Nodes were started last and are ended first, so that they can hand over what they drive.
-    let mut failed = Vec::new();
-    while let Some(process) = processes.pop() {
-        if let Err(error) = tokio::task::block_in_place(|| process.terminate()) {
-            failed.push(format!("{error:#}"));
-        }
-    }
-    result?;
-    if !failed.is_empty() {
-        bail!("{}", failed.join("\n"));
-    }
-    Ok(())
+    let ended = tokio::task::block_in_place(|| processes.end());
+    result.and(ended)
 }
 
-fn start(d: &Deployment) -> Result<Vec<Process>> {
+/// The plant first, then what everything else connects to, and the nodes at last.
+fn starts(d: &Deployment) -> Vec<Start> {
     let cell = d.cell.display().to_string();
     let log = match d.log.format {
         LogFormat::Plain => "plain",
@@ -74,10 +64,12 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
     let endpoints: Vec<&str> = std::iter::once(d.manager.listen.as_str())
         .chain(d.gateways.iter().map(|g| g.listen.as_str()))
         .collect();
-    let mut processes = Vec::new();
-    let mut spawn = |name: &str, args: Vec<String>| -> Result<()> {
-        processes.push(Process::start(name, &args, &d.run_dir)?);
-        Ok(())
+    let mut starts = Vec::new();
+    let mut add = |name: &str, args: Vec<String>| {
+        starts.push(Start {
+            name: name.to_owned(),
+            args,
+        });
     };
     let words = |words: &[&str]| -> Vec<String> { words.iter().map(|&w| w.to_owned()).collect() };
     let connect = |args: &mut Vec<String>, own: &str| {
@@ -86,7 +78,7 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
         }
     };
     if let Some(plant) = &d.plant {
-        spawn(
+        add(
             "plant",
             words(&[
                 "plant",
@@ -101,7 +93,7 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
                 "--log",
                 log,
             ]),
-        )?;
+        );
     }
     for gateway in &d.gateways {
         let records = gateway.records.display().to_string();
@@ -121,7 +113,7 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
             args.extend(words(&["--field", address]));
         }
         connect(&mut args, &gateway.listen);
-        spawn(gateway.gateway.as_str(), args)?;
+        add(gateway.gateway.as_str(), args);
     }
     let repository = d.manager.repository.display().to_string();
     let mut args = words(&[
@@ -136,7 +128,7 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
         log,
     ]);
     connect(&mut args, &d.manager.listen);
-    spawn("manager", args)?;
+    add("manager", args);
     let cache = d.run_dir.join("modules").display().to_string();
     for controller in &d.controllers {
         let mut args = words(&[
@@ -159,7 +151,7 @@ fn start(d: &Deployment) -> Result<Vec<Process>> {
         for cpu in &d.real_time.cpus {
             args.extend(words(&["--cpu", &cpu.to_string()]));
         }
-        spawn(controller.as_str(), args)?;
+        add(controller.as_str(), args);
     }
-    Ok(processes)
+    starts
 }

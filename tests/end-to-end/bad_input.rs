@@ -84,6 +84,25 @@ fn a_deployment_with_an_unknown_field_says_where() {
 }
 
 #[test]
+fn a_cell_whose_port_is_in_use_does_not_come_up() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port();
+    let dir = tempfile::tempdir().unwrap();
+    let cell = project("engineering/tests/cells/two_stations/cell.toml");
+    let deployment = write(
+        dir.path(),
+        "deployment.toml",
+        &format!("cell = {cell:?}\n\n[manager]\nlisten = \"tcp/127.0.0.1:{port}\"\n"),
+    );
+    let (code, _, err) = run(&["up", &deployment]);
+    assert_ne!(code, 0);
+    says(
+        &err,
+        &["manager ended by itself", &port.to_string(), "in use"],
+    );
+}
+
+#[test]
 fn a_port_in_use_is_named() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let endpoint = format!("tcp/{}", taken.local_addr().unwrap());

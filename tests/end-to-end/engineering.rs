@@ -178,6 +178,56 @@ fn a_new_cell_runs_at_once() {
 }
 
 #[test]
+fn a_killed_controller_comes_back_and_one_that_was_told_to_end_stays_away() {
+    let dir = tempfile::tempdir().unwrap();
+    let cell = dir.path().join("mine");
+    let (code, out, err) = run(&["new", &cell.display().to_string()]);
+    assert_eq!(code, 0, "{out}{err}");
+    let deployment = cell.join("deployment.toml");
+    let endpoint = with_free_ports(&deployment, "gateway1");
+    let mut up = Fam::start(&["up", &deployment.display().to_string()]);
+    let said = up.wait_for(&["processes: "]);
+    let signal = |controller: &str, signal: &str| {
+        let said = up.text();
+        let (_, after) = said.rsplit_once(&format!("{controller} ")).unwrap();
+        let pid: String = after.chars().take_while(char::is_ascii_digit).collect();
+        let sent = std::process::Command::new("kill")
+            .args([signal, &pid])
+            .status();
+        assert!(
+            sent.unwrap().success(),
+            "{controller} is process {pid}: {said}"
+        );
+    };
+    let arm = |at_part: &str, set: &[&str], seen: &str| {
+        sets_and_sees("my_cell", &endpoint, &[&[at_part], set].concat(), seen);
+    };
+    arm("ArmAtPart=1", &["Start=1"], "ArmForward,1");
+
+    signal("controller1", "-KILL");
+    up.wait_for(&["controller1 ended by itself", "SIGKILL"]);
+    up.wait_for(&["controller1 is started again, as process"]);
+    arm("ArmAtPart=0", &["ArmAtStamper=1"], "Stamped,1");
+
+    // For maintenance: the other one has come back, and takes over.
+    signal("controller2", "-TERM");
+    up.wait_for(&[
+        "controller2 has ended in order and stays away",
+        "fam node controller2",
+    ]);
+    arm(
+        "ArmAtPart=1",
+        &["Start=0", "ArmAtStamper=0"],
+        "ArmForward,0",
+    );
+    assert!(
+        !up.text().contains("controller2 is started again"),
+        "{said}"
+    );
+    assert!(up.terminate().success(), "{}", up.text());
+}
+
+#[test]
 fn an_existing_project_becomes_a_model() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name).display().to_string();
