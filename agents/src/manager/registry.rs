@@ -166,7 +166,7 @@ impl MiddlewareManager {
             let (version, layout) = self.view.version_of(&hosted.mc)?;
             if hosted.hash != version {
                 return Some(format!(
-                    "has other logic, layout or masks (hash {:016x}) than those in force ({:016x}); generate all projects from one model",
+                    "has other logic, layout or masks (hash {:016x}) than those in force ({:016x}); if they are newer, `fam reload` brings them in; otherwise generate all projects from one model",
                     hosted.hash, version
                 ));
             }
