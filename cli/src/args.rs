@@ -101,9 +101,9 @@ pub enum Command {
 /// How to reach the cell.
 #[derive(Debug, Clone, Args)]
 pub struct CellArgs {
-    /// Name of the cell
-    #[arg(long, default_value = "fms200", env = "FAM_CELL_NAME")]
-    pub name: String,
+    /// Name of the cell; needed only where several answer at the endpoint
+    #[arg(long, env = "FAM_CELL_NAME")]
+    pub name: Option<String>,
     /// Zenoh endpoint of the manager
     #[arg(long, default_value = DEFAULT_MANAGER, env = "FAM_MANAGER")]
     pub manager: String,
@@ -387,9 +387,9 @@ pub struct IoArgs {
     /// Which gateway
     #[arg(long, default_value = "gateway1", global = true)]
     pub gateway: GatewayId,
-    /// Name of the cell
-    #[arg(long, default_value = "fms200", env = "FAM_CELL_NAME", global = true)]
-    pub name: String,
+    /// Name of the cell; needed only where several answer at the endpoint
+    #[arg(long, env = "FAM_CELL_NAME", global = true)]
+    pub name: Option<String>,
     /// Zenoh endpoint of the gateway
     #[arg(long, default_value = DEFAULT_GATEWAY, env = "FAM_GATEWAY", global = true)]
     pub endpoint: String,

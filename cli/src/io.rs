@@ -1,10 +1,10 @@
 //! `fam io`: points of a gateway, in and out as CSV.
 
 use crate::args::{IoArgs, IoCommand};
+use crate::operate::cell_name;
 use anyhow::{Context, Result, anyhow};
 use fam_driver::Client;
 use fam_gateway::io::{IoRequest, from_csv, request, to_csv};
-use fam_proto::CellId;
 use std::io::Read;
 use std::time::Duration;
 
@@ -37,7 +37,7 @@ pub async fn run(args: &IoArgs) -> Result<()> {
                 .collect::<Result<_>>()?,
         ),
     };
-    let cell = CellId::new(&args.name).context("--name")?;
+    let cell = cell_name(args.name.as_deref(), &args.endpoint, "--endpoint").await?;
     let client = Client::open(cell.clone(), vec![args.endpoint.clone()]).await?;
     let points = request(client.link(), &cell, &args.gateway, &what, WITHIN).await?;
     print!("{}", to_csv(&points));

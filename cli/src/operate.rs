@@ -18,8 +18,30 @@ const STAGE_WITHIN: Duration = Duration::from_secs(150);
 const EVENTS_LIMIT: u32 = 500;
 
 async fn connect(cell: &CellArgs) -> Result<Client> {
-    let name = CellId::new(&cell.name).context("--name")?;
+    let name = cell_name(cell.name.as_deref(), &cell.manager, "--manager").await?;
     Ok(Client::open(name, vec![cell.manager.clone()]).await?)
+}
+
+/// The cell that is meant: the one named, or else the only one that answers at the endpoint, which `option` gives.
+///
+/// # Errors
+/// If none answers, or several do.
+pub async fn cell_name(name: Option<&str>, endpoint: &str, option: &str) -> Result<CellId> {
+    if let Some(name) = name {
+        return CellId::new(name).context("--name");
+    }
+    let cells = fam_driver::cells_at(endpoint, ASK_WITHIN).await?;
+    let mut cells = cells.into_iter();
+    match (cells.next(), cells.next()) {
+        (Some(only), None) => Ok(only),
+        (None, _) => bail!(
+            "no cell answers at {endpoint} (waited {} ms): start one with `fam up`, or give its endpoint with `{option}`",
+            ASK_WITHIN.as_millis()
+        ),
+        (Some(a), Some(b)) => bail!(
+            "several cells answer at {endpoint}, {a} and {b} among them: say which with `--name`"
+        ),
+    }
 }
 
 /// Gives one command and prints its end.

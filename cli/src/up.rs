@@ -1,6 +1,6 @@
 //! `fam up`: all processes of a deployment, looked after until Ctrl-C.
 
-use crate::args::UpArgs;
+use crate::args::{DEFAULT_MANAGER, UpArgs};
 use crate::supervised::{Start, Supervised};
 use anyhow::{Context, Result};
 use fam_engineering::deployment::{Deployment, DeploymentFile, LogFormat};
@@ -21,12 +21,16 @@ pub async fn run(args: &UpArgs) -> Result<()> {
         )
     })?;
     let mut processes = Supervised::start(starts(&deployment), &deployment.run_dir)?;
+    let endpoint = &deployment.manager.listen;
+    let other = if endpoint == DEFAULT_MANAGER {
+        String::new()
+    } else {
+        format!(" --manager {endpoint}")
+    };
     println!(
-        "cell {} is up, logs in {}. `fam status --name {} --manager {}` shows it; Ctrl-C ends it.",
+        "cell {} is up, logs in {}. `fam status{other}` shows it; Ctrl-C ends it.",
         model.cell,
         deployment.run_dir.display(),
-        model.cell,
-        deployment.manager.listen
     );
     let running = processes.running();
     let numbers: Vec<String> = running

@@ -2,6 +2,7 @@
 //!
 //! - [`Link`]: one process's connection to its cell: messages, input images, frames, events, who is alive.
 //! - [`run()`]: drives one [`fam_proto::Agent`] with what comes in and carries out what goes out, strictly in order.
+//! - [`cells_at`]: which cells answer at an endpoint.
 //! - [`Client`]: an operator's command: asks the manager, and repeats until it is answered.
 //! - [`FrameSender`]: puts frames from a plain thread.
 //! - [`Topic`], [`Link::subscribe`], [`Link::serve`], [`Link::request`]: plain bytes for recorders and field values.
@@ -10,6 +11,7 @@
 //! Everything here needs a multi-threaded tokio runtime ([`runtime`], or `#[tokio::test(flavor = "multi_thread")]`).
 
 mod bad;
+mod cells;
 mod client;
 mod clock;
 mod config;
@@ -23,6 +25,7 @@ mod reach;
 mod run;
 mod topic;
 
+pub use cells::cells_at;
 pub use client::{Client, ClientError};
 pub use clock::{boot_after, boot_id, clock, now, wall_us};
 pub use frames::{FrameBytes, FrameSender, FrameSink, Frames, ImageSink, Sinks};

@@ -74,6 +74,17 @@ pub fn alive_all(cell: &CellId) -> String {
     format!("fam/{cell}/alive/**")
 }
 
+/// Expression that matches the liveliness tokens of all processes of all cells.
+pub const ALIVE_ANYWHERE: &str = "fam/*/alive/**";
+
+/// The cell of a liveliness token; `None` for any other key.
+#[must_use]
+pub fn cell_alive(key: &str) -> Option<CellId> {
+    let (cell, _) = key.strip_prefix("fam/")?.split_once('/')?;
+    let cell = CellId::new(cell).ok()?;
+    parse_alive(&cell, key).map(|_| cell)
+}
+
 /// Reads process and boot out of the key of a liveliness token of `cell`; `None` for any other key.
 #[must_use]
 pub fn parse_alive(cell: &CellId, key: &str) -> Option<(ProcessId, BootId)> {

@@ -58,8 +58,8 @@ fn with_free_ports(deployment: &Path, gateway: &str) -> String {
 }
 
 /// Sets points until another one has a value (`name,value`).
-fn sets_and_sees(cell: &str, endpoint: &str, set: &[&str], seen: &str) {
-    let common = ["--name", cell, "--endpoint", endpoint];
+fn sets_and_sees(endpoint: &str, set: &[&str], seen: &str) {
+    let common = ["--endpoint", endpoint];
     until(&format!("{seen} after {set:?}"), || {
         let set: Vec<&str> = [&["io", "set"], set, &common].concat();
         let (code, ..) = run(&set);
@@ -121,8 +121,8 @@ fn a_third_party_model_goes_from_check_over_generate_to_running() {
     let endpoint = with_free_ports(&deployment, "gateway1");
     let mut up = Fam::start(&["up", &deployment.display().to_string()]);
     up.wait_for(&["is up"]);
-    sets_and_sees("tank", &endpoint, &["Low=1"], "Valve,1");
-    sets_and_sees("tank", &endpoint, &["Low=0"], "Valve,0");
+    sets_and_sees(&endpoint, &["Low=1"], "Valve,1");
+    sets_and_sees(&endpoint, &["Low=0"], "Valve,0");
     assert!(up.terminate().success(), "{}", up.text());
 }
 
@@ -137,20 +137,9 @@ fn a_new_cell_runs_at_once() {
     let mut up = Fam::start(&["up", &deployment.display().to_string()]);
     up.wait_for(&["is up"]);
     // What its README shows.
+    sets_and_sees(&endpoint, &["Start=1", "ArmAtPart=1"], "ArmForward,1");
+    sets_and_sees(&endpoint, &["ArmAtPart=0", "ArmAtStamper=1"], "Stamped,1");
     sets_and_sees(
-        "my_cell",
-        &endpoint,
-        &["Start=1", "ArmAtPart=1"],
-        "ArmForward,1",
-    );
-    sets_and_sees(
-        "my_cell",
-        &endpoint,
-        &["ArmAtPart=0", "ArmAtStamper=1"],
-        "Stamped,1",
-    );
-    sets_and_sees(
-        "my_cell",
         &endpoint,
         &["Start=0", "ArmAtStamper=0", "ArmAtPart=1"],
         "ArmForward,0",
@@ -200,7 +189,7 @@ fn a_killed_controller_comes_back_and_one_that_was_told_to_end_stays_away() {
         );
     };
     let arm = |at_part: &str, set: &[&str], seen: &str| {
-        sets_and_sees("my_cell", &endpoint, &[&[at_part], set].concat(), seen);
+        sets_and_sees(&endpoint, &[&[at_part], set].concat(), seen);
     };
     arm("ArmAtPart=1", &["Start=1"], "ArmForward,1");
 
